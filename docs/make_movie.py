@@ -25,8 +25,8 @@ from aras_visual_servo_bench.recording.run import Run
 from aras_visual_servo_bench.runner.loop import Loop
 from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_camera import overlay
+from aras_visual_servo_camera.detection_pipeline import DetectionPipeline, DetectionSettings
 from aras_visual_servo_camera.images import Image as Picture
-from aras_visual_servo_camera.pipeline import Pipeline, Settings
 
 ROOT = Path(__file__).resolve().parents[1]
 HERE = Path(__file__).resolve().parent
@@ -69,7 +69,7 @@ def main(argv: list[str] | None = None) -> int:
 def record_run(experiment: Experiment) -> tuple[Run, list[np.ndarray], np.ndarray]:
     """Return a run, its camera images with the overlay, and the desired outline, normalised."""
     parts = assemble(experiment)
-    loop, pipeline, images = Loop(experiment, parts), Pipeline(Settings()), []
+    loop, pipeline, images = Loop(experiment, parts), DetectionPipeline(DetectionSettings()), []
     outline = parts.target.shape.outline(parts.target.target_T_camera(parts.goal_pose))
     pipeline.set_camera(parts.calibrated_camera)
     try:

@@ -20,12 +20,12 @@ sys.path.insert(0, str(HERE.parent / "tests" / "unit" / "features"))
 
 from feature_cases import L_SHAPE, TARGET, View, grey_image, rotation
 
+from aras_visual_servo_camera.detection_pipeline import DetectionPipeline, DetectionSettings
 from aras_visual_servo_camera.features import compute_moment_features
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.orientation import Orientation, compute_third_product, rotate_third
-from aras_visual_servo_camera.pipeline import Pipeline, Settings
 from aras_visual_servo_camera.undistortion import CameraModel
 
 CAMERA = CameraModel(320, 240, (188.04, 0, 159.5, 0, 188.04, 119.5, 0, 0, 1))
@@ -33,7 +33,7 @@ CAMERA = CameraModel(320, 240, (188.04, 0, 159.5, 0, 188.04, 119.5, 0, 0, 1))
 
 def measure_moments(grey: np.ndarray, weighting: str) -> Moments:
     """Measure the moments of the target in a grey image, with 'binary' or 'coverage' weights."""
-    pipeline = Pipeline(Settings(weighting=weighting))
+    pipeline = DetectionPipeline(DetectionSettings(weighting=weighting))
     pipeline.set_camera(CAMERA)
     return pipeline.measure(Image(grey, "mono8")).moments
 

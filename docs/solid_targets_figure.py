@@ -20,7 +20,7 @@ sys.path.insert(0, str(HERE.parent / "tests" / "unit" / "camera"))
 from tracking_scenes import CAMERA, SOLIDS, Sequence, corners_of
 
 from aras_visual_servo_base.poses import exponential
-from aras_visual_servo_camera.model_tracker import ModelTracking, Solid
+from aras_visual_servo_camera.model_tracker import Solid, SolidTracking
 from aras_visual_servo_camera.model_tracker.visible_edges import sample_visible_edges
 
 OFF = (0.002, -0.0015, 0.004, 0.012, -0.015, 0.02)  # error of the predicted pose, m and rad
@@ -35,7 +35,7 @@ def draw(name: str, folder: Path) -> np.ndarray:
         Solid.from_triangles(corners_of(name), name),
     )
     grey, true = sequence.picture(PICTURE), sequence.pose(PICTURE)
-    tracking = ModelTracking(solid)
+    tracking = SolidTracking(solid)
     tracking.start(exponential(OFF) @ true)
     found = tracking.track(grey, CAMERA).camera_T_solid
     large = cv2.resize(grey, None, fx=SCALE, fy=SCALE, interpolation=cv2.INTER_AREA)

@@ -18,7 +18,7 @@ from aras_visual_servo_controller.kinematics.differential_ik import IKSettings, 
 from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 from aras_visual_servo_controller.laws import Proportional
 from aras_visual_servo_controller.observation.feature_observer import observe
-from aras_visual_servo_controller.schemes.compute import compute
+from aras_visual_servo_controller.schemes.scheme_call import compute
 
 PERIOD = 1.0 / 30.0  # s between two images
 DEPTH = 0.5  # depth of the target at the goal, m

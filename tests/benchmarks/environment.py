@@ -24,16 +24,16 @@ STEPS = """
 import json, sys, time
 import numpy as np
 try:
-    from aras_visual_servo_bench.experiment.experiment import Experiment, Sampler
+    from aras_visual_servo_bench.experiment.experiment import Experiment, RandomStart
     from aras_visual_servo_bench.runner.environment import ServoEnv
     images = "images"
 except ImportError:  # their names in older checkouts
     from aras_visual_servo_bench.running.environment import ServoEnv
-    from aras_visual_servo_bench.asked.experiment import Experiment, Sampler
+    from aras_visual_servo_bench.asked.experiment import Experiment, RandomStart
     images = "pictures"
 kinds = {
-    "free, exact": Experiment(plant="free", lag=0.0, delay=0.0, start=Sampler()),
-    "free, pictures": Experiment(plant="free", features=images, start=Sampler()),
+    "free, exact": Experiment(plant="free", lag=0.0, delay=0.0, start=RandomStart()),
+    "free, pictures": Experiment(plant="free", features=images, start=RandomStart()),
     "bullet": Experiment(plant="bullet"),
 }
 found = {}

@@ -37,7 +37,7 @@ from tracking_scenes import (
     error_of,
 )
 
-from aras_visual_servo_camera.model_tracker import ModelTracking, Solid
+from aras_visual_servo_camera.model_tracker import Solid, SolidTracking
 
 LOST = 5e-3, np.radians(3.0)  # m, rad
 SHIFT = 0.03  # m, of the bracket's profile along x
@@ -45,7 +45,7 @@ SHIFT = 0.03  # m, of the bracket's profile along x
 
 def ours(solid: str, pictures: np.ndarray, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Track with this project; return the poses (n, 4, 4) and the processor time of each, s."""
-    tracking = ModelTracking(Solid.from_triangles(corners_of(solid), solid))
+    tracking = SolidTracking(Solid.from_triangles(corners_of(solid), solid))
     tracking.start(poses[0])
     tracking.track(pictures[0], CAMERA)  # what is compiled is loaded at its first call
     found, took, fresh = [], [], True

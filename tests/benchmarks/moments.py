@@ -30,13 +30,13 @@ import checkout  # noqa: F401
 import cv2
 import numpy as np
 
+from aras_visual_servo_camera.detection_pipeline import DetectionPipeline, DetectionSettings
 from aras_visual_servo_camera.features import PAPER_FEATURES, Reference
 from aras_visual_servo_camera.features import compute_moment_features as compute
 from aras_visual_servo_camera.images import decode
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments, Pinhole
-from aras_visual_servo_camera.pipeline import Pipeline, PipelineSettings
-from aras_visual_servo_camera.segmentation import Segmentation
+from aras_visual_servo_camera.segmentation import SegmentationSettings
 from aras_visual_servo_camera.segmented_target import segment
 from aras_visual_servo_camera.undistortion import CameraModel
 
@@ -81,7 +81,7 @@ def ours(grey: np.ndarray, repeats: int) -> dict[str, float]:
     )
     K = (0.6 * width, 0, width / 2, 0, 0.6 * width, height / 2, 0, 0, 1)
     camera = Pinhole.from_K(K)
-    settings = Segmentation(component="all")
+    settings = SegmentationSettings(component="all")
     plane = Plane(0.1, 0.2, 2.0)
 
     def moments_of() -> Moments:
@@ -96,9 +96,9 @@ def ours(grey: np.ndarray, repeats: int) -> dict[str, float]:
     def whole():
         return compute(moments_of(), PAPER_FEATURES, plane, reference)
 
-    pipeline = Pipeline(PipelineSettings())
+    pipeline = DetectionPipeline(DetectionSettings())
     pipeline.set_camera(CameraModel(width, height, K))
-    lens = Pipeline(PipelineSettings())
+    lens = DetectionPipeline(DetectionSettings())
     lens.set_camera(CameraModel(width, height, K, (-0.2, 0.05, 0, 0, 0)))
     return {
         "ours": clock(whole, repeats),

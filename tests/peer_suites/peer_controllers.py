@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from aras_sim_bridge.control.controllers.base import ClaimedResources, Context, Controller
+from aras_sim_bridge.control.controllers.base import ClaimedResources, Controller, ControllerContext
 from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.errors import ControllerError
 
@@ -21,7 +21,9 @@ class MultiInterface(Controller):
     defaults: Mapping[str, tuple[str, ...]] = {}
     optional = False
 
-    def init(self, hardware: RobotHardware, parameters: Mapping, context: Context) -> None:
+    def init(
+        self, hardware: RobotHardware, parameters: Mapping, context: ControllerContext
+    ) -> None:
         """Claim the joints; ControllerError if the interface or a joint is missing."""
         super().init(hardware, parameters, context)
         self._claims: list[ClaimedResources] = []

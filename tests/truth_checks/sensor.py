@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aras_sim_bridge.camera import CameraConfig, CameraSensor, SensorFrame
+from aras_sim_bridge.camera import CameraConfig, CameraReading, CameraSensor
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.rendering import create_renderer
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
@@ -93,7 +93,9 @@ _WALL = """<robot name="wall"><link name="world"><visual><origin xyz="0 0 -0.1"/
 <geometry><box size="6 6 0.1"/></geometry></visual></link></robot>"""
 
 
-def _passing(effects: dict[str, float]) -> tuple[np.ndarray, np.ndarray, float, list[SensorFrame]]:
+def _passing(
+    effects: dict[str, float],
+) -> tuple[np.ndarray, np.ndarray, float, list[CameraReading]]:
     """Take images of a black bar that moves along the rows of a camera.
 
     Returns the rows (h,), the column (h,) that the bar's middle has at time 0, the px that it moves
@@ -108,7 +110,7 @@ def _passing(effects: dict[str, float]) -> tuple[np.ndarray, np.ndarray, float, 
             "parent": "world", "pose": [0.0, 0.0, _DEEP, np.pi / 2, np.pi / 2, 0.0], "near": 0.02,
             "width": 480, "height": 240, "horizontal_fov": 0.9, "update_rate": 20.0,
             "effects": effects})  # fmt: skip
-        frames: list[SensorFrame] = []
+        frames: list[CameraReading] = []
         camera.on_frame, camera.enabled = frames.append, True
         bar.set_twist(Twist((_SPEED, 0.0, 0.0)))
         while simulation.time_ns < 420_000_000:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from arms import bent, make
 
-from aras_visual_servo_controller.kinematics import DifferentialIK, IKSettings, Limits
+from aras_visual_servo_controller.kinematics import CommandLimits, DifferentialIK, IKSettings
 from aras_visual_servo_controller.kinematics.compiled_ik import REUSE_TIME
 from aras_visual_servo_controller.kinematics.task import Task
 
@@ -14,7 +14,7 @@ SLOW = np.array([0.002, 0.001, 0.001, 0.0, 0.0, 0.002])
 
 def resolve(q, twist, dt=0.01, **limits):
     arm = make("aras")
-    return DifferentialIK(arm, Limits.for_arm(arm, **limits)).solve(
+    return DifferentialIK(arm, CommandLimits.for_arm(arm, **limits)).solve(
         np.array(q), Task.from_twist(twist), dt
     )
 

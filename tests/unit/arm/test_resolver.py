@@ -7,23 +7,23 @@ import pytest
 from arms import NAMES, bent, make, urdf, within
 
 from aras_visual_servo_base.poses import pose_difference, rotation_vector
-from aras_visual_servo_controller.errors import ConfigurationError, TaskError
+from aras_visual_servo_controller.errors import ConfigurationError, InvalidTaskError
 from aras_visual_servo_controller.kinematics import (
     Arm,
+    CommandLimits,
     DifferentialIK,
     IKSettings,
     JointLimitAvoidance,
-    Limits,
     PostureTask,
     SecondaryTask,
     SingularityAvoidance,
 )
-from aras_visual_servo_controller.kinematics.elbow import find_elbows
-from aras_visual_servo_controller.kinematics.ik_solution import IKSolution, rank
-from aras_visual_servo_controller.kinematics.limits import (
+from aras_visual_servo_controller.kinematics.command_limits import (
     compute_stopping_speed,
     compute_velocity_ranges,
 )
+from aras_visual_servo_controller.kinematics.elbow import find_elbows
+from aras_visual_servo_controller.kinematics.ik_solution import IKSolution, rank
 from aras_visual_servo_controller.kinematics.task import Task
 
 ALL = (True,) * 6
@@ -164,7 +164,7 @@ def test_one_accuracy_of_all_rows_may_have_any_numeric_type(rows, kind):
 
 @pytest.mark.parametrize("accuracy", [np.nan, None, "small", [0.1, 0.1], np.ones((3, 1))])
 def test_an_accuracy_is_one_finite_number_or_has_a_row_for_each_of_l(accuracy):
-    with pytest.raises(TaskError, match="accuracy must be finite|not an array of numbers"):
+    with pytest.raises(InvalidTaskError, match="accuracy must be finite|not an array of numbers"):
         Task(np.eye(6)[:2], np.ones(2), np.ones(6, bool), accuracy=accuracy)
 
 
@@ -222,7 +222,7 @@ def test_a_tilted_camera_turns_about_the_vertical():
 @pytest.mark.parametrize("name", NAMES)
 def test_attitude_comes_back_to_the_goal_s(name):
     arm = make(name)
-    resolver = DifferentialIK(arm, Limits.for_arm(arm, velocity=1.0))
+    resolver = DifferentialIK(arm, CommandLimits.for_arm(arm, velocity=1.0))
     q = np.array(REGULAR[name])
     if name == "aras":
         q[4] = 0.3  # level
@@ -277,7 +277,7 @@ def test_speed_limits_keep_the_direction():
     arm, q = make("ur5"), np.array(REGULAR["ur5"])
     twist = np.array([0.2, 0.1, -0.2, 0.5, 0.3, 1.0])
     free = DifferentialIK(arm).solve(q, Task.from_twist(twist), 0.01)
-    slow = DifferentialIK(arm, Limits.for_arm(arm, velocity=0.1)).solve(
+    slow = DifferentialIK(arm, CommandLimits.for_arm(arm, velocity=0.1)).solve(
         q, Task.from_twist(twist), 0.01
     )
     assert np.abs(slow.velocities).max() == pytest.approx(0.1, rel=1e-12)
@@ -291,7 +291,7 @@ def test_speed_limits_keep_the_direction():
 @pytest.mark.parametrize("acceleration", [None, 0.5])
 def test_secondary_tasks_never_slow_the_task(acceleration):
     arm, q = make("panda"), np.array(REGULAR["panda"])
-    limits = Limits.for_arm(arm, velocity=0.5, acceleration=acceleration)
+    limits = CommandLimits.for_arm(arm, velocity=0.5, acceleration=acceleration)
     task, dt = Task.from_twist([0.02, 0.01, -0.02, 0.05, 0.03, 0.1]), 0.01
     alone, wild = (
         DifferentialIK(arm, limits),
@@ -311,7 +311,7 @@ def test_secondary_tasks_never_slow_the_task(acceleration):
 
 def test_acceleration_limits_keep_the_direction():
     arm, q = make("ur5"), np.array(REGULAR["ur5"])
-    resolver = DifferentialIK(arm, Limits.for_arm(arm, velocity=1.0, acceleration=2.0))
+    resolver = DifferentialIK(arm, CommandLimits.for_arm(arm, velocity=1.0, acceleration=2.0))
     twist, velocities = np.array([0.1, 0.05, -0.1, 0.2, 0.1, 0.3]), np.zeros(6)
     for step in range(40):
         answer = resolver.solve(q, Task.from_twist(twist), 0.01, velocities)
@@ -327,7 +327,7 @@ def test_acceleration_limits_keep_the_direction():
 
 def test_an_acceleration_of_one_joint_alone_is_a_limit_too():
     arm, q = make("ur5"), np.array(REGULAR["ur5"])
-    limits = Limits.for_arm(arm, acceleration={arm.names[1]: 0.5})
+    limits = CommandLimits.for_arm(arm, acceleration={arm.names[1]: 0.5})
     task = Task.from_twist([0.1, 0.1, -0.1, 0.2, 0.1, 0.3])
     answer = DifferentialIK(arm, limits).solve(q, task, 0.01, np.zeros(6))
     assert abs(answer.velocities[1]) == pytest.approx(0.005)
@@ -383,7 +383,7 @@ def near_trouble(arm, random, kind):
 def test_no_bound_is_ever_passed(name, kind):
     """50 starts for each arm and kind of trouble, tasks that run into it."""
     arm, random = make(name), np.random.default_rng(7)
-    limits = Limits.for_arm(arm, velocity=1.5, acceleration=8.0)
+    limits = CommandLimits.for_arm(arm, velocity=1.5, acceleration=8.0)
     tasks = [JointLimitAvoidance(limits), Constant(random.normal(size=len(arm.names)))]
     resolver = DifferentialIK(arm, limits, tasks)
     at_limit = 0
@@ -410,7 +410,7 @@ def test_no_bound_is_ever_passed(name, kind):
 def test_no_motion_and_no_time():
     arm, q = make("aras"), np.array(REGULAR["aras"])
     task = Task.from_twist([0.01, 0, 0, 0, 0, 0], MOMENTS)
-    answer = DifferentialIK(arm, Limits.for_arm(arm, acceleration=1.0)).solve(
+    answer = DifferentialIK(arm, CommandLimits.for_arm(arm, acceleration=1.0)).solve(
         q, task, 0.0, np.zeros(6)
     )
     assert np.abs(answer.achieved_twist[:3] - [0.01, 0, 0]).max() < 1e-6
@@ -428,7 +428,7 @@ def test_what_is_not_finite_is_refused(place):
         L[1, 1] = np.nan
     else:
         dt = np.nan
-    with pytest.raises((ValueError, TaskError), match="not finite"):
+    with pytest.raises((ValueError, InvalidTaskError), match="not finite"):
         DifferentialIK(arm).solve(q, Task(L, rate, np.ones(6, bool)), dt)
     with pytest.raises(ValueError, match=r"must have \(6,\) for this arm"):
         DifferentialIK(arm).solve(np.zeros(5), Task.from_twist(np.zeros(6)), 0.01)
@@ -451,19 +451,19 @@ def test_what_is_not_finite_is_refused(place):
 )
 def test_limits_that_cannot_be(options, words):
     with pytest.raises(ConfigurationError, match=words):
-        Limits.for_arm(make("aras"), **options)
+        CommandLimits.for_arm(make("aras"), **options)
 
 
 def test_a_slow_robot_s_speed_is_its_limit_too():
     slow = urdf("aras").replace('velocity="5"', 'velocity="0.5"')
     arm = Arm.from_urdf(slow)
-    assert Limits.for_arm(arm, velocity=0.5).velocity.tolist() == [0.5] * 6
+    assert CommandLimits.for_arm(arm, velocity=0.5).velocity.tolist() == [0.5] * 6
     with pytest.raises(ConfigurationError, match="0.6 is beyond the robot's own limit 0.5"):
-        Limits.for_arm(arm, velocity=0.6)
+        CommandLimits.for_arm(arm, velocity=0.6)
 
 
 def test_limits_are_the_robot_s_unless_narrowed():
-    limits = Limits.for_arm(make("aras"), lower={"J3": -1.0}, velocity=[1, 2, 2, 2, 2, 2])
+    limits = CommandLimits.for_arm(make("aras"), lower={"J3": -1.0}, velocity=[1, 2, 2, 2, 2, 2])
     assert limits.lower.tolist() == [-1.5, -2.0943, -2.0943, -1.0, -2.0943, -3000.0]
     assert limits.velocity.tolist() == [1, 2, 2, 2, 2, 2]
     assert np.isinf(limits.acceleration).all()
@@ -533,7 +533,7 @@ def test_what_an_elbow_has_to_have(options, found):
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_a_stretched_arm_comes_back(side):
     arm = make("aras")
-    limits = Limits.for_arm(arm, velocity=[1, 2, 2, 2, 2, 2])
+    limits = CommandLimits.for_arm(arm, velocity=[1, 2, 2, 2, 2, 2])
     goal = np.array([0.0, 0.0, 0.0, 0.6 * side, 0.0, 0.0])
     goal[2], goal[4] = -0.39 * goal[3], -0.61 * goal[3]
     resolver = DifferentialIK(arm, limits, elbows=find_elbows(arm, {"J3": side}))
@@ -589,12 +589,12 @@ def test_posture_moves_what_the_task_does_not_see():
 
 
 def test_joint_limits_are_avoided_from_their_margin_on():
-    limits = Limits.for_arm(make("aras"))
+    limits = CommandLimits.for_arm(make("aras"))
     task = JointLimitAvoidance(limits)
     q = np.array([1.4, 0.0, -2.0, 0.0, 0.0, 2999.9])
     assert task.velocity(q) == pytest.approx([-0.2, 0, 2 * (0.2 - 0.0943), 0, 0, -0.2])
     assert not task.velocity(np.zeros(6)).any()
-    narrow = JointLimitAvoidance(Limits.for_arm(make("aras"), lower={"J3": -0.1},
+    narrow = JointLimitAvoidance(CommandLimits.for_arm(make("aras"), lower={"J3": -0.1},
         upper={"J3": 0.3}),
                                  margin=0.3, gain=4.0)  # fmt: skip
     q[:4] = 1.1, 0.0, -2.0, 0.25  # a quarter of J3's range is less

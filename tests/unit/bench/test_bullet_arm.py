@@ -14,7 +14,7 @@ from aras_visual_servo_base.poses import Pose, matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment.cameras import CameraSpec
 from aras_visual_servo_bench.experiment.robots import Robot, RobotSpec
-from aras_visual_servo_bench.plants.dynamic_arm import TargetModel, TrackedLink
+from aras_visual_servo_bench.plants.dynamic_arm import TargetLink, TargetModel
 from aras_visual_servo_bench.plants.imaging import ImagingSettings
 from aras_visual_servo_bench.targets.files import write_target
 from aras_visual_servo_bench.targets.geometry import Motion, PlacedTarget, PoseHistory
@@ -56,7 +56,7 @@ def standing(robot, preset, tmp_path_factory):
     course = PoseHistory()
     plant = bullet(
         robot, preset, seed=7, renderer="exact", exposure="gazebo", target_models=shown,
-        surroundings=world, tracked_link=TrackedLink("moves", "moves", course),
+        surroundings=world, tracked_link=TargetLink("moves", "moves", course),
     )  # fmt: skip
     yield plant, course, world
     plant.close()

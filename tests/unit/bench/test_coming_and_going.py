@@ -9,7 +9,7 @@ from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment.experiment import Experiment, SunSpec, TargetSpec
 from aras_visual_servo_bench.runner.loop import Loop
 from aras_visual_servo_bench.setup.assembly import assemble
-from aras_visual_servo_controller.observation.image_reader import ImageReader
+from aras_visual_servo_controller.observation.feature_extractor import FeatureExtractor
 
 TIMES = ((0.1, 0.2), (0.3, 0.4))  # at each an image is exposed, which is before a coming
 OCCLUDER = ((0.01, -0.01), (0.06, 0.05))
@@ -30,7 +30,7 @@ def dark(asked):
     """Stamps and dark pixels of the images of an experiment."""
     seen = []
     loop = Loop(asked, assemble(asked), on_frame=lambda of, one: seen.append(
-        (one.stamp, int((ImageReader.decode_image(one).grey < 100).sum()))))  # fmt: skip
+        (one.stamp, int((FeatureExtractor.decode_image(one).grey < 100).sum()))))  # fmt: skip
     loop.run_to_end()
     goal = loop.parts.goal
     loop.close()
@@ -57,7 +57,7 @@ def test_the_sun_shines_at_its_times_and_no_other():
     asked = replace(asked, scheme="luminance", start=asked.goal, sun=SunSpec(shines=TIMES))
     seen = []
     loop = Loop(asked, assemble(asked), on_frame=lambda of, one: seen.append(
-        (one.stamp, float(ImageReader.decode_image(one).grey.mean()))))  # fmt: skip
+        (one.stamp, float(FeatureExtractor.decode_image(one).grey.mean()))))  # fmt: skip
     state = loop.run_to_image()
     assert np.abs(state.scheme_output.error).max() < 2.0  # grey levels, at the goal's own pose
     loop.run_to_end()

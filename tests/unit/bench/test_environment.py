@@ -9,7 +9,7 @@ from gymnasium.utils.env_checker import check_env
 
 from aras_visual_servo_base.poses import pose_difference
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.experiment.experiment import Experiment, Sampler
+from aras_visual_servo_bench.experiment.experiment import Experiment, RandomStart
 from aras_visual_servo_bench.runner.environment import (
     ENVIRONMENT,
     MAX_TWIST,
@@ -47,7 +47,7 @@ def test_a_twist_is_done_as_asked(env):
 
 
 def test_an_agent_that_does_as_the_law_does_gets_there():
-    env = ServoEnv(Experiment(plant="free", lag=0.0, delay=0.0, start=Sampler(turn=1.0)))
+    env = ServoEnv(Experiment(plant="free", lag=0.0, delay=0.0, start=RandomStart(turn=1.0)))
     env.reset(seed=4)
     total, ended = 0.0, False
     for _ in range(400):
@@ -84,7 +84,7 @@ def test_what_is_no_action_is_refused(env):
 
 
 
-PICTURED = Experiment(plant="free", features="images", lag=0.0, delay=0.0, start=Sampler())
+PICTURED = Experiment(plant="free", features="images", lag=0.0, delay=0.0, start=RandomStart())
 
 
 def test_a_picture_and_where_the_goal_is_belong_together():

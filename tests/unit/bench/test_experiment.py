@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.experiment.experiment import CameraPose, Experiment, Sampler
+from aras_visual_servo_bench.experiment.experiment import CameraPoseSpec, Experiment, RandomStart
 from aras_visual_servo_bench.targets.geometry import Motion
 from aras_visual_servo_bench.targets.target_spec import TargetSpec
 
@@ -27,8 +27,8 @@ def test_an_experiment_is_read_from_yaml(tmp_path):
         "time_after_convergence": None,
     }))  # fmt: skip
     experiment = Experiment.from_yaml(path)
-    assert experiment.start == Sampler(height=(0.2, 0.3), tilt=0.1)
-    assert experiment.goal == CameraPose((0.0, 0.0, 0.8, 3.14, 0.0, 0.0))
+    assert experiment.start == RandomStart(height=(0.2, 0.3), tilt=0.1)
+    assert experiment.goal == CameraPoseSpec((0.0, 0.0, 0.8, 3.14, 0.0, 0.0))
     assert experiment.gain == 2.0 and isinstance(experiment.gain, float)
     assert experiment.calibration_offset.centre == (3.0, -2.0)
     assert not experiment.has_images
@@ -121,7 +121,7 @@ def test_with_changes_the_keys_that_it_names_and_nothing_else():
     assert changed.target.motion == Motion(velocity=(0.1, 0, 0, 0, 0, 0), begin=1.0)
     assert changed.controller_parameters == {"max_velocity": 0.5, "hold": 0.1} and changed.seed == 3
     assert base.with_changes(target=TargetSpec(shape="square")).target == TargetSpec(shape="square")
-    assert base.with_changes(start={"side": 0.2}).start == Sampler(side=0.2)
+    assert base.with_changes(start={"side": 0.2}).start == RandomStart(side=0.2)
 
 
 @pytest.mark.parametrize("changes, text", [

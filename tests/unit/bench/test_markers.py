@@ -8,11 +8,11 @@ from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble
+from aras_visual_servo_camera.detection_pipeline import DetectionPipeline
 from aras_visual_servo_camera.errors import ParameterError, VisionError
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.markers import DICTIONARIES, SEARCHED_DICTIONARIES, MarkerChoice
 from aras_visual_servo_camera.parameters import VisionParameters
-from aras_visual_servo_camera.pipeline import Pipeline
 from aras_visual_servo_camera.trackers.marker import MarkerTracker
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.goals.goal import Goal
@@ -122,7 +122,7 @@ def test_moments_are_of_the_chosen_marker():
     one, other = (f"{APRIL}:5", 120, 100, 150), (f"{APRIL}:0", 160, 400, 150)
 
     def measured(image, **given):
-        pipeline = Pipeline(VisionParameters.from_mapping(given).pipeline_settings)
+        pipeline = DetectionPipeline(VisionParameters.from_mapping(given).pipeline_settings)
         pipeline.set_camera(CAMERA)
         return pipeline.measure(Image(image, "mono8"))
 

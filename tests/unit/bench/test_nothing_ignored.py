@@ -30,7 +30,7 @@ from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.targets.geometry import Motion
 from aras_visual_servo_bench.targets.target_spec import BoxSpec, TargetSpec
 from aras_visual_servo_controller.laws import LAWS
-from aras_visual_servo_controller.parameters import Parameters
+from aras_visual_servo_controller.parameters import ControllerParameters
 
 BOTH, IMAGES, EXACT = ("exact", "images"), ("images",), ("exact",)
 ARMS, LOOPS = ("bullet", "chain"), ("bullet", "chain", "free")
@@ -277,7 +277,7 @@ EXEMPT = {
         "time_after_convergence", "renderer",  # an end after convergence; all names mean one
     },
     "IdealSpec": {f.name for f in fields(IdealSpec)},  # test_ending
-    "Parameters": {
+    "ControllerParameters": {
         *EXPERIMENT_KEYS,
         *GRAPH_PARAMETERS,  # refused on every plant
         "limit_avoidance",  # a free camera never needs it
@@ -292,7 +292,7 @@ PREFIXES = {
     CalibrationOffset: "calibration_offset.",
     CameraSpec: "cameras.a.", TargetSpec: "target.", Motion: "target.motion.",
     BoxSpec: "target.box.", SunSpec: "sun.", IdealSpec: "ideal.", Experiment: "",
-    Parameters: "controller_parameters.",
+    ControllerParameters: "controller_parameters.",
 }  # fmt: skip
 
 

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.drawing.shapes import LINES, Shape
+from aras_visual_servo_bench.visualization.shapes import LINES, Shape
 from aras_visual_servo_bench.web.live.server import serve
 
 COLOURS = """(() => {{ const c = document.querySelector("#{0} canvas, canvas#{0}");

@@ -6,7 +6,7 @@ import pytest
 from page_host import told
 
 from aras_visual_servo_bench.web.live.outbox import MAX_UNACKNOWLEDGED, Outbox, merge_updates
-from aras_visual_servo_bench.web.live.page import Page
+from aras_visual_servo_bench.web.live.page_state import PageState
 from aras_visual_servo_bench.web.live.samples import MAX_SAMPLES
 
 
@@ -89,7 +89,7 @@ def test_everything_and_then_some_is_everything():
 
 
 def test_who_never_looks_misses_nothing_of_the_run_and_fills_no_memory(outbox, sent):
-    page = Page()
+    page = PageState()
     for i in range(3 * MAX_SAMPLES):
         page.add_sample(told(i / 30, error=(0.99**i, 0.0)), [])
         if i % 7 == 0:

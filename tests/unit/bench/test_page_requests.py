@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from aras_visual_servo_bench.errors import RefusedError
-from aras_visual_servo_bench.web.live import page
+from aras_visual_servo_bench.web.live import page_state as page
 from aras_visual_servo_bench.web.live.requests import (
     CHOICE_FIELDS,
     REQUESTS,

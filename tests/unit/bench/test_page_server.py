@@ -22,12 +22,12 @@ from tornado.websocket import websocket_connect
 
 from aras_sim_bridge.description import parse_urdf
 from aras_visual_servo_base.errors import DescriptionError
-from aras_visual_servo_bench.drawing.robot_visuals import collect_visuals
-from aras_visual_servo_bench.drawing.run_trace import RunTrace
-from aras_visual_servo_bench.drawing.shapes import LINES, Shape
 from aras_visual_servo_bench.ros.session_files import SessionFiles
+from aras_visual_servo_bench.visualization.robot_visuals import collect_visuals
+from aras_visual_servo_bench.visualization.run_trace import RunTrace
+from aras_visual_servo_bench.visualization.shapes import LINES, Shape
 from aras_visual_servo_bench.web.live.outbox import MAX_UNACKNOWLEDGED
-from aras_visual_servo_bench.web.live.page import Page
+from aras_visual_servo_bench.web.live.page_state import PageState
 from aras_visual_servo_bench.web.live.robot_model import make_robot_model
 from aras_visual_servo_bench.web.live.samples import MAX_SAMPLES
 from aras_visual_servo_bench.web.live.server import serve
@@ -99,7 +99,7 @@ def test_whoever_has_it_gets_the_page_and_nothing_that_lets_others_in(server):
         assert get(server, f"/{name}")[2]["Content-Type"] == f"{kind}; charset=utf-8"
     style = get(server, "/style.css")[1]
     assert "--goal: #3c78ff;" in style and ".uplot" in style and style.endswith("}\n")
-    for path in ("/server.js", "/../page.py", "/%2e%2e/page.py", "/app.js/"):
+    for path in ("/server.js", "/../page_state.py", "/%2e%2e/page_state.py", "/app.js/"):
         assert get(server, f"{path}?token={server.access.token}")[0] == 404
 
 
@@ -383,7 +383,7 @@ def test_a_taken_port_is_said_and_the_next_one_is_taken():
 
 
 def test_every_sample_of_100_s_is_kept_and_told():
-    page = Page()
+    page = PageState()
     for count in range(1, MAX_SAMPLES + 1):
         page.add_sample(replace(SAMPLE, stamp=count / 30), [])
     told_rows = page.make_update(None, [], [], 0.0)["samples"]
@@ -396,7 +396,7 @@ def test_every_sample_of_100_s_is_kept_and_told():
 
 
 def test_each_thing_is_told_once(host):
-    page = Page()
+    page = PageState()
     page.set_robot(["J1"], [-np.inf], [1.0], [2.0], [False])
     page.add_sample(SAMPLE, [0.5])
     first = page.make_update(host.run_trace, [0.5], [0.0], 1.00049)
@@ -423,7 +423,7 @@ def test_each_thing_is_told_once(host):
 
 
 def test_what_is_no_more_is_taken_away_from_those_who_saw_it(host):
-    page = Page()
+    page = PageState()
     page.make_update(host.run_trace, [], [], 1.0)
     gone = {s.name for s in host.run_trace.make_shapes() if s.name.startswith("trajectory")}
     assert gone == {"trajectory centre"}
@@ -440,7 +440,7 @@ def test_what_is_no_more_is_taken_away_from_those_who_saw_it(host):
 
 
 def test_other_features_or_a_clock_that_went_back_begin_the_plots_anew(host):
-    page = Page()
+    page = PageState()
     page.add_sample(SAMPLE, [])
     page.add_sample(told(1.5, names=("x0",), error=(float("nan"),)), [])
     assert page.make_update(None, [], [], 0.0)["samples"] == [["clear"], [1.5, [None], [0.0] * 6,
@@ -458,7 +458,7 @@ def test_other_features_or_a_clock_that_went_back_begin_the_plots_anew(host):
     ("servoing waiting servoing converged waiting converged", 6),  # images that are late
 ])  # fmt: skip
 def test_the_plots_show_one_run(phases, kept):
-    page = Page()
+    page = PageState()
     for number, phase in enumerate(phases.split()):
         page.add_sample(replace(SAMPLE, stamp=1.0 + 0.1 * number, phase=phase), [])
     rows = page.make_full_message()["samples"]
@@ -467,7 +467,7 @@ def test_the_plots_show_one_run(phases, kept):
 
 
 def test_an_image_without_features_keeps_units_and_tolerances(host):
-    page, trace = Page(), RunTrace(host.arm)
+    page, trace = PageState(), RunTrace(host.arm)
     state = told(names=("xn", "yn", "an", "alpha"), error=(0.1, 0.2, 0.3, 0.4))
     lost = replace(state, stamp=1.1, phase="holding", scheme_output=None)
     page.add_sample(state, [])
@@ -481,7 +481,7 @@ def test_an_image_without_features_keeps_units_and_tolerances(host):
 
 
 def test_an_image_without_features_belongs_to_the_same_run(host):
-    page = Page()
+    page = PageState()
     page.add_sample(SAMPLE, [])
     page.add_sample(replace(SAMPLE, stamp=1.1, scheme_output=None), [])
     page.add_sample(replace(SAMPLE, stamp=1.2), [])
@@ -492,7 +492,7 @@ def test_an_image_without_features_belongs_to_the_same_run(host):
 
 def test_a_long_run_keeps_its_first_seconds(host):
     """An exponential of 0.5 s, then noise of 1e-4 for 6 times as many images as are kept."""
-    page, rng = Page(), np.random.default_rng(0)
+    page, rng = PageState(), np.random.default_rng(0)
     stamps = np.arange(6 * MAX_SAMPLES) / 30
     errors = np.exp(-stamps / 0.5) + 1e-4 * rng.standard_normal(len(stamps))
     state = told(0.0, error=(1.0, 0.0))
@@ -510,13 +510,13 @@ def test_a_long_run_keeps_its_first_seconds(host):
 def test_the_page_is_told_the_tolerances_of_what_it_plots(host):
     """moments: 0.25 % and 0.5 % of the target's depth, 0.005 rad."""
     assert host.run_trace.target == ()
-    controller = Page().make_update(host.run_trace, [], [], 0.0)["controller"]
+    controller = PageState().make_update(host.run_trace, [], [], 0.0)["controller"]
     assert controller["tolerances"] == [None, None, None, 0.005]
     assert controller["twist_tolerances"] == [None, pytest.approx(np.radians(0.3))]
     goal = host.run_trace.goal
     middle = goal[:3, 3] + 0.3 * goal[:3, 2]
     host.run_trace.target = (Shape("target", LINES, middle + np.eye(3) - 1 / 3, (0, 0, 0, 1.0)),)
-    controller = Page().make_update(host.run_trace, [], [], 0.0)["controller"]
+    controller = PageState().make_update(host.run_trace, [], [], 0.0)["controller"]
     host.run_trace.target = ()
     assert controller["tolerances"] == pytest.approx([7.5e-4, 7.5e-4, 1.5e-3, 0.005])
     assert controller["twist_tolerances"] == pytest.approx([4.5e-4, np.radians(0.3)])

@@ -14,7 +14,7 @@ import yaml
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_bench.cli import main
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.experiment.experiment import CameraPose, Experiment
+from aras_visual_servo_bench.experiment.experiment import CameraPoseSpec, Experiment
 from aras_visual_servo_bench.experiment.starts import RelativeStart
 from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.studies.results import is_met
@@ -28,7 +28,7 @@ from schemes_page import read, speed_part
 STUDIES = Path(__file__).parents[3] / "src/aras_visual_servo_bench/config/studies"
 SHIPPED = {path.stem: path for path in STUDIES.glob("*.yaml")}
 SQUARE = ((-0.1, -0.1), (0.1, -0.1), (0.1, 0.1), (-0.1, 0.1))
-GOAL = CameraPose((0.0, 0.0, -0.75, 0.0, 0.0, 0.0))
+GOAL = CameraPoseSpec((0.0, 0.0, -0.75, 0.0, 0.0, 0.0))
 FLIGHT = Experiment.from_mapping({
     "plant": "ideal", "features": "exact", "target": {"shape": SQUARE}, "goal": GOAL,
     "camera": {"width": 640, "height": 480, "horizontal_fov": 0.761, "update_rate": 25.0},
@@ -212,7 +212,7 @@ def test_a_mounting_believed_elsewhere_moves_the_camera_otherwise():
 
 @pytest.mark.parametrize("interaction", ["desired", "mean"])
 def test_another_interaction_matrix_is_no_wrong_camera(interaction):
-    turned = CameraPose((0.0, 0.0, -0.75, 0.0, 0.0, 1.5))
+    turned = CameraPoseSpec((0.0, 0.0, -0.75, 0.0, 0.0, 1.5))
     result = run(FLIGHT.with_changes(
         gain=2.0, start=turned, controller_parameters={"interaction": interaction},
         ideal={"unbounded": True},
@@ -266,7 +266,7 @@ def test_enough_by_the_truth_ends_the_run_and_so_does_too_far():
     way = near.pose_error_history()
     assert way[0][-1] <= 0.1 * way[0][0] < way[0][-3]
     back = FLIGHT.with_changes(
-        start=CameraPose((0.0, 0.0, -0.8, 0.0, 0.0, 3.0)), ideal={"farthest": 2.0}
+        start=CameraPoseSpec((0.0, 0.0, -0.8, 0.0, 0.0, 3.0)), ideal={"farthest": 2.0}
     )
     far = run(back)
     assert not far.converged

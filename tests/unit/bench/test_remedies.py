@@ -25,7 +25,7 @@ from aras_visual_servo_controller.laws.registry import create_law
 from aras_visual_servo_controller.records.outcomes import REMEDIES, UNCOVER_TARGET, Outcome
 from aras_visual_servo_controller.records.remedy import Change, Remedy, multiply, remove, set_value
 from aras_visual_servo_controller.schemes.registry import create_scheme
-from aras_visual_servo_controller.settings import Settings
+from aras_visual_servo_controller.settings import ControllerSettings
 
 CORNERS = [[-0.05, -0.04], [0.05, -0.05], [0.04, 0.05], [-0.03, 0.03]]
 BASE = {
@@ -75,7 +75,7 @@ def test_a_remedy_is_made_of_a_text_and_of_changes():
       for kind in ("singular", "camera_retreat", "local_minimum") for name in ("points", "pose")),
 ])  # fmt: skip
 def test_the_text_names_only_keys_that_a_user_of_a_robot_can_set(remedy):
-    parameters = {field.name for field in fields(Settings)}
+    parameters = {field.name for field in fields(ControllerSettings)}
     named = re.findall(r"\b(?:set|multiply|remove) (\S+)", remedy.removeprefix(remedy.advice))
     assert {key.partition(".")[0] for key in named} - {"the"} <= parameters, remedy
     assert len(named) == sum(change.operation != "remove" or change.key == "lower"

@@ -365,7 +365,7 @@ def test_a_process_that_cannot_draw_says_so_and_nothing_hangs(
 
 
 def test_headers_say_settings_in_plain_words_with_units(points, tmp_path):
-    """They had CameraPose(pose=(0.06, …))."""
+    """They had CameraPoseSpec(pose=(0.06, …))."""
     settings = points.settings
     assert settings["start"] == (
         "camera at x 0.05, y -0.03, z 0.4 m, roll 180°, pitch 0°, yaw 28.65°"

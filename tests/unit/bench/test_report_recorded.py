@@ -11,7 +11,6 @@ import pytest
 from made_run import GOAL, made_run
 from scipy.spatial.transform import Rotation
 
-from aras_visual_servo_bench.drawing.shapes import compute_image_border, place_on_image_plane
 from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.plots.palette import LIVE_CURVES, SCENE, to_rgb
 from aras_visual_servo_bench.recording import film as films
@@ -19,6 +18,7 @@ from aras_visual_servo_bench.recording.film import make_image, with_images
 from aras_visual_servo_bench.recording.run import CameraRecord, pad_rows
 from aras_visual_servo_bench.recording.run_recorder import RunRecorder
 from aras_visual_servo_bench.setup.assembly import assemble
+from aras_visual_servo_bench.visualization.shapes import compute_image_border, place_on_image_plane
 from aras_visual_servo_bench.web.report.contents import make_contents
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.observation.frame import Frame

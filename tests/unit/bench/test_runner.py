@@ -10,9 +10,9 @@ from aras_visual_servo_base.poses import inverse
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment.cameras import CalibrationOffset
 from aras_visual_servo_bench.experiment.experiment import (
-    CameraPose,
+    CameraPoseSpec,
     Experiment,
-    Sampler,
+    RandomStart,
     TargetSpec,
 )
 from aras_visual_servo_bench.runner.loop import Loop, assemble, run
@@ -185,7 +185,7 @@ def test_a_target_that_rises_or_turns_is_no_wrong_camera(plant, scheme, twist):
     assert result.outcome == "target_moves", result.reason
 
 
-SLIGHT = Sampler(height=(0.2, 0.3), side=0.02)
+SLIGHT = RandomStart(height=(0.2, 0.3), side=0.02)
 
 
 def test_an_arm_without_roll_begins_at_every_heading():
@@ -211,7 +211,9 @@ def test_starts_in_every_form_are_one():
     from aras_visual_servo_base.poses import xyz_rpy_from_matrix
 
     xyz, rpy = xyz_rpy_from_matrix(named.read_pose())
-    posed = assemble(CHAIN.with_changes(start=dataclasses.asdict(CameraPose((*xyz, *rpy))))).plant
+    posed = assemble(
+        CHAIN.with_changes(start=dataclasses.asdict(CameraPoseSpec((*xyz, *rpy))))
+    ).plant
     np.testing.assert_allclose(posed.read_pose(), named.read_pose(), atol=1e-6)
 
 

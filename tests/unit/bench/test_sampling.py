@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.experiment.experiment import Sampler
+from aras_visual_servo_bench.experiment.experiment import RandomStart
 from aras_visual_servo_bench.plants.base import CameraPlacement
 from aras_visual_servo_bench.plants.free_body import FreeBody
 from aras_visual_servo_bench.setup.sampling import draw_pose, draw_start
@@ -44,7 +44,7 @@ def test_the_last_joint_begins_at_the_turn_that_was_drawn(low, high, goal):
     """So it comes to the angle within its limits that is one turn away at most."""
     arm, q = gantry(low, high), np.array([0.1, 0.2, 0.3, goal])
     above = PlacedTarget(SHAPE, matrix_from_xyz_rpy((0.1, 0.2, 0.0), (0.0, 0.0, 0.3)))
-    sampler, turns = Sampler(height=(0.3, 0.5), side=0.05, turn=2.9, attempts=1), []
+    sampler, turns = RandomStart(height=(0.3, 0.5), side=0.05, turn=2.9, attempts=1), []
     for seed in range(12):
         kept = q.copy()
         joints = draw_start(sampler, arm, arm.pose(q), q, above, CAMERA, seed)
@@ -60,14 +60,21 @@ def test_the_last_joint_begins_at_the_turn_that_was_drawn(low, high, goal):
 
 def test_a_start_lies_above_the_middle_of_a_target_that_is_turned():
     body = FreeBody(GOAL)
-    joints = draw_start(Sampler(height=(0.25, 0.25), side=0.0, turn=1.0), body, GOAL, np.zeros(6),
-                        PLACED, CAMERA, 3)
+    joints = draw_start(
+        RandomStart(height=(0.25, 0.25), side=0.0, turn=1.0),
+        body,
+        GOAL,
+        np.zeros(6),
+        PLACED,
+        CAMERA,
+        3,
+    )
     np.testing.assert_allclose(body.pose(joints)[:3, 3], MIDDLE + [0, 0, 0.25], atol=1.1e-4)
 
 
 def test_poses_fill_their_ranges():
     random = np.random.default_rng(2)
-    sampler = Sampler(height=(0.2, 0.5), side=0.08, turn=2.0, tilt=0.3)
+    sampler = RandomStart(height=(0.2, 0.5), side=0.08, turn=2.0, tilt=0.3)
     drawn = [draw_pose(sampler, GOAL, MIDDLE, random) for _ in range(800)]
     places = np.array([pose[:3, 3] for pose, _ in drawn]) - MIDDLE
     turns = np.array([turn for _, turn in drawn])
@@ -83,7 +90,7 @@ def test_poses_fill_their_ranges():
         assert low <= values.min() < low + near and high - near < values.max() <= high
         assert values.mean() == pytest.approx(0.5 * (low + high), abs=3 * near)
     assert abs(np.corrcoef(places[:, 0], places[:, 1])[0, 1]) < 0.1
-    level, turn = draw_pose(Sampler(turn=2.0), GOAL, MIDDLE, random)
+    level, turn = draw_pose(RandomStart(turn=2.0), GOAL, MIDDLE, random)
     wanted = Rotation.from_euler("z", turn).as_matrix() @ GOAL[:3, :3]
     np.testing.assert_allclose(level[:3, :3], wanted, atol=1e-12)
 
@@ -105,7 +112,7 @@ class Stuck(FreeBody):
 
 
 NEAR = np.array([0.1, -0.2, 0.3, 0.4, 0.5, 0.6])
-EXACTLY = Sampler(height=(0.3, 0.3), side=0.0, turn=0.0, attempts=1)
+EXACTLY = RandomStart(height=(0.3, 0.3), side=0.0, turn=0.0, attempts=1)
 AHEAD = matrix_from_xyz_rpy((0, 0, 0), (0, 0, 0))
 BELOW = PlacedTarget(
     SHAPE, matrix_from_xyz_rpy((*(MIDDLE[:2] - [0.01, 0.01]), 0.1), (0.0, 0.0, 0.0))
@@ -152,7 +159,7 @@ def test_a_pose_is_found_to_a_tenth_of_a_millimetre_and_within_limits():
 
 
 def test_why_no_start_was_found_is_counted():
-    body, sampler = FreeBody(GOAL), Sampler(height=(0.25, 0.25), side=0.0, attempts=3)
+    body, sampler = FreeBody(GOAL), RandomStart(height=(0.25, 0.25), side=0.0, attempts=3)
     given = (sampler, body, GOAL, np.zeros(6), PLACED, CAMERA, 3)
     words = r"no start found in 3 attempts \({}\): reduce start.height"
     with pytest.raises(ExperimentError, match=words.format("3 in collision")):
@@ -170,6 +177,6 @@ def test_why_no_start_was_found_is_counted():
     with pytest.raises(ExperimentError, match=words.format("3 out of view")):
         draw_start(*given[:4], aside, CameraModel(320, 240, (900.0, 0, 0, 0, 900, 0, 0, 0, 1)), 3)
     # The margin: 0.29 m before the middle the corners keep some 95 px from the upper border.
-    wide = Sampler(height=(0.25, 0.25), side=0.0, margin=150.0, attempts=3)
+    wide = RandomStart(height=(0.25, 0.25), side=0.0, margin=150.0, attempts=3)
     with pytest.raises(ExperimentError, match="3 out of view"):
         draw_start(wide, *given[1:])

@@ -23,8 +23,8 @@ from aras_visual_servo_bench.plants.imaging import (
 from aras_visual_servo_bench.targets.geometry import Motion, PlacedTarget, PolygonTarget
 from aras_visual_servo_bench.targets.target_factory import make_target
 from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.observation.feature_extractor import FeatureExtractor
 from aras_visual_servo_controller.observation.frame import Frame
-from aras_visual_servo_controller.observation.image_reader import ImageReader
 
 CAMERA = CameraModel(60, 40, (50.0, 0, 31.0, 0, 40.0, 18.0, 0, 0, 1))
 SHAPE = PolygonTarget(((-0.2, -0.15), (0.25, -0.1), (0.2, 0.2), (-0.1, 0.1)))
@@ -333,9 +333,11 @@ def test_readings_are_in_seconds_and_in_any_order_of_joints():
     image = np.zeros((2, 3), np.uint8)
     seen = Frame(1_500_000_000, image, "mono8", target_mask=image)
     assert (
-        seen.stamp == 1.5 and seen.has_image and ImageReader.decode_image(seen).encoding == "mono8"
+        seen.stamp == 1.5
+        and seen.has_image
+        and FeatureExtractor.decode_image(seen).encoding == "mono8"
     )
-    assert ImageReader.decode_image(seen).target_mask is image and not Frame(3).has_image
+    assert FeatureExtractor.decode_image(seen).target_mask is image and not Frame(3).has_image
 
 
 def test_another_camera_is_beside_the_control_camera_or_stands():

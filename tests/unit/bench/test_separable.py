@@ -56,7 +56,7 @@ print(*sys.modules)
 # What a run of a free camera with exact features does without: physics and control of an arm,
 # rendering, sensors, the whole of SDF, learning, model tracker, features of grey levels.
 UNNEEDED = (
-    "pybullet", "aras_sim_bridge.world", "aras_sim_bridge.control", "aras_sim_bridge.cycle",
+    "pybullet", "aras_sim_bridge.world", "aras_sim_bridge.control", "aras_sim_bridge.control_cycle",
     "aras_sim_bridge.simulation", "aras_sim_bridge.sensors", "aras_sim_bridge.camera.sensor",
     "aras_sim_bridge.description.sdf", "aras_sim_bridge.description.world_file",
     "aras_visual_servo_camera.model_tracker", "aras_visual_servo_camera.trackers",

@@ -6,7 +6,12 @@ import pytest
 
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment.cameras import CalibrationOffset, CameraSpec
-from aras_visual_servo_bench.experiment.experiment import Experiment, IdealSpec, Sampler, SunSpec
+from aras_visual_servo_bench.experiment.experiment import (
+    Experiment,
+    IdealSpec,
+    RandomStart,
+    SunSpec,
+)
 from aras_visual_servo_bench.experiment.loop_settings import make_loop_settings
 from aras_visual_servo_bench.experiment.robots import RobotSpec
 from aras_visual_servo_bench.experiment.starts import RelativeStart
@@ -28,8 +33,8 @@ DEFAULTS = {
         "reached": None, "seed": 0, "renderer": "auto", "record_peak_speeds": False,
     },
     IdealSpec: {"speed": None, "stop": None, "unbounded": False, "enough": None, "farthest": None},
-    Sampler: {"height": (0.15, 0.5), "side": 0.1, "turn": 2.967, "tilt": 0.0, "margin": 2.0,
-              "attempts": 500},
+    RandomStart: {"height": (0.15, 0.5), "side": 0.1, "turn": 2.967, "tilt": 0.0, "margin": 2.0,
+                  "attempts": 500},
     SunSpec: {"diffuse": 0.8, "exposure": "unclipped", "shines": None},
     CalibrationOffset: {"focal": 1.0, "centre": (0.0, 0.0), "distortion": None, "xyz": ZERO,
         "rpy": ZERO,
@@ -73,10 +78,10 @@ BOUNDS = [
     (Experiment, {}, "reached", (SMALL, SMALL), (SMALL, 0.0)),
     *((IdealSpec, {}, key, SMALL, 0.0) for key in ("stop", "enough", "farthest")),
     (IdealSpec, {}, "speed", (SMALL, SMALL), (0.0, SMALL)),
-    *((Sampler, {}, key, 0.0, -SMALL) for key in ("side", "turn", "tilt", "margin")),
-    (Sampler, {}, "attempts", 1, 0),
-    (Sampler, {}, "height", (SMALL, SMALL), (0.0, SMALL)),
-    (Sampler, {}, "height", (0.2, 0.2), (0.2, 0.19)),
+    *((RandomStart, {}, key, 0.0, -SMALL) for key in ("side", "turn", "tilt", "margin")),
+    (RandomStart, {}, "attempts", 1, 0),
+    (RandomStart, {}, "height", (SMALL, SMALL), (0.0, SMALL)),
+    (RandomStart, {}, "height", (0.2, 0.2), (0.2, 0.19)),
     (SunSpec, {}, "diffuse", 0.0, -SMALL),
     (SunSpec, {}, "diffuse", 1.0, 1.0 + SMALL),
     (SunSpec, {}, "direction", (0.0, SMALL, 0.0), ZERO),

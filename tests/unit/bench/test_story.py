@@ -13,17 +13,22 @@ from scipy.spatial.transform import Rotation
 from aras_sim_bridge.description import parse_urdf
 from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.meshes.mesh import Mesh
-from aras_visual_servo_bench.drawing import model_drawing
-from aras_visual_servo_bench.drawing.feature_units import find_feature_units
-from aras_visual_servo_bench.drawing.model_drawing import draw_model
-from aras_visual_servo_bench.drawing.robot_visuals import collect_visuals
-from aras_visual_servo_bench.drawing.run_trace import (
+from aras_visual_servo_bench.visualization import model_drawing
+from aras_visual_servo_bench.visualization.feature_units import find_feature_units
+from aras_visual_servo_bench.visualization.model_drawing import draw_model
+from aras_visual_servo_bench.visualization.point_trajectory import (
+    MAX_POINTS,
+    PointTrajectory,
+    RealTimeFactor,
+)
+from aras_visual_servo_bench.visualization.robot_visuals import collect_visuals
+from aras_visual_servo_bench.visualization.run_trace import (
     ARROW_SECONDS,
     FRUSTUM_SIZE,
     MAX_ARROW,
     RunTrace,
 )
-from aras_visual_servo_bench.drawing.shapes import (
+from aras_visual_servo_bench.visualization.shapes import (
     ARROW,
     FACES,
     LINES,
@@ -32,7 +37,6 @@ from aras_visual_servo_bench.drawing.shapes import (
     compute_image_border,
     place_on_image_plane,
 )
-from aras_visual_servo_bench.drawing.track import MAX_POINTS, RealTimeFactor, Track
 from aras_visual_servo_bench.web.live.robot_model import make_robot_model
 from aras_visual_servo_camera.undistortion import CameraModel
 
@@ -180,7 +184,7 @@ def test_words_say_scheme_phase_reason_error_and_pace(story):
 
 
 def test_a_track_keeps_its_ends_and_its_size():
-    track = Track(2, 1e-6)
+    track = PointTrajectory(2, 1e-6)
     for i in range(5 * MAX_POINTS):
         track.add(np.array([i, 0.0]))
     track.add(np.array([np.nan, 0.0]))

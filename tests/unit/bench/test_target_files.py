@@ -30,7 +30,7 @@ from aras_visual_servo_bench.targets.geometry import Motion
 from aras_visual_servo_bench.targets.target_factory import make_target
 from aras_visual_servo_bench.targets.target_spec import BoxSpec
 from aras_visual_servo_camera.trackers.dots import DotTracker
-from aras_visual_servo_controller.observation.image_reader import ImageReader
+from aras_visual_servo_controller.observation.feature_extractor import FeatureExtractor
 
 GAZEBO = Path(__file__).parents[3] / "src" / "aras_visual_servo_gazebo"
 GOAL = (0.05, 0.0, -0.09, 0.045, 0.045, 0.0)
@@ -54,7 +54,7 @@ def seen(experiment, wanted=1):
     parts = assemble(experiment)
     with contextlib.closing(parts.plant) as plant:
         reading = take_frames(plant, wanted)[-1]
-        return ImageReader.decode_image(reading).grey, reading.stamp, parts, plant.read_pose()
+        return FeatureExtractor.decode_image(reading).grey, reading.stamp, parts, plant.read_pose()
 
 
 def missed(parts, found, pose, stamp):

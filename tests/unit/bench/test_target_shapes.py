@@ -20,14 +20,14 @@ from aras_visual_servo_bench.targets.geometry import (
     project,
 )
 from aras_visual_servo_bench.targets.rendering import render_mask, render_target
-from aras_visual_servo_bench.targets.scratch import make_scratch_folder
 from aras_visual_servo_bench.targets.solids import make_solid, read_solid_target
 from aras_visual_servo_bench.targets.target_factory import (
     make_target,
     read_svg,
 )
 from aras_visual_servo_bench.targets.target_spec import TargetSpec
-from aras_visual_servo_camera.errors import ModelError
+from aras_visual_servo_bench.targets.temporary_folders import make_scratch_folder
+from aras_visual_servo_camera.errors import TrackingModelError
 from aras_visual_servo_camera.model_tracker import read_solid
 from aras_visual_servo_camera.undistortion import CameraModel
 
@@ -326,7 +326,7 @@ def test_a_mesh_gets_a_scale_or_a_size(tmp_path):
         drawn = np.concatenate([part.positions for visual in urdf.links["target"].visuals
                                 for part in make_meshes(visual.geometry)])  # fmt: skip
         np.testing.assert_allclose(np.ptp(drawn, axis=0), box, rtol=1e-6)
-    with pytest.raises(ModelError, match=r"by 0.001, .* \(model_scale\)"):  # of the node
+    with pytest.raises(TrackingModelError, match=r"by 0.001, .* \(model_scale\)"):  # of the node
         read_solid(str(path))
     assert read_solid(str(path), 0.001).size == pytest.approx(0.06)
     for given, words in (({"scale": 0.1, "size": (1, 1, 1)}, "leave one out"),

@@ -31,8 +31,8 @@ from aras_visual_servo_camera.trackers.marker import MarkerTracker
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.features import FEATURES
 from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.observation.feature_extractor import FeatureExtractor
 from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
-from aras_visual_servo_controller.observation.image_reader import ImageReader
 from aras_visual_servo_controller.schemes import FeatureScheme
 
 CAMERA = CameraModel(320, 240, (300.0, 0, 159.5, 0, 300.0, 119.5, 0, 0, 1))
@@ -490,7 +490,7 @@ def test_the_arm_s_camera_draws_a_marker_where_it_is():
         with contextlib.closing(parts.plant) as plant:
             (reading,), camera = take_frames(plant), plant.camera
             seen_from = parts.target.target_T_camera(plant.read_pose())
-        found = MarkerTracker().find_normalised(ImageReader.decode_image(reading).grey, camera)
+        found = MarkerTracker().find_normalised(FeatureExtractor.decode_image(reading).grey, camera)
         exact = parts.target.shape.points(seen_from)
         round_ = exact - exact.mean(axis=0)
         off = found - exact

@@ -5,8 +5,8 @@ import pytest
 from scenes import BRIGHT, link_pose, looking
 from scipy.spatial.transform import Rotation, Slerp
 
-from aras_sim_bridge.blending import blend_pose, blend_poses
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
+from aras_sim_bridge.pose_interpolation import blend_pose, blend_poses
 from aras_sim_bridge.rendering import create_renderer
 from aras_visual_servo_base.poses import Pose, quaternion_from_rpy
 

@@ -11,7 +11,7 @@ from aras_sim_bridge.camera import CameraConfig
 from aras_sim_bridge.camera.effects import AutoExposure, Effects, SensorModel
 from aras_sim_bridge.camera.vibration import Shake
 from aras_sim_bridge.description import CameraDescription
-from aras_sim_bridge.description.types import CameraPlugin, LensDescription, Noise
+from aras_sim_bridge.description.types import CameraPlugin, LensDescription, PixelNoise
 from aras_sim_bridge.errors import CameraError
 
 PRESETS = Path(__file__).parents[3] / "src/aras_visual_servo_gazebo/config/cameras"
@@ -73,7 +73,7 @@ def test_legacy_camera_info_is_gazebos():
 
 def test_sensor_tags_are_rendered(caplog):
     tags = description(distortion=(-0.1, 0.02, 0.0, 0.001, -0.002),
-                       noise=Noise("gaussian", mean=0.02, stddev=0.01))
+                       noise=PixelNoise("gaussian", mean=0.02, stddev=0.01))
     config = CameraConfig.from_description(tags)
     assert not caplog.records
     CameraConfig.from_description(replace(tags, distortion_center=(0.5, 0.4)))
@@ -84,11 +84,13 @@ def test_sensor_tags_are_rendered(caplog):
     assert config.effects.noise_stddev == pytest.approx(2.55)
     assert config.effects.noise_mean == pytest.approx(5.1)
     for mean, stddev in ((0.02, 0.0), (0.0, 0.01)):
-        one = CameraConfig.from_description(replace(tags, noise=Noise("gaussian", mean, stddev)))
+        one = CameraConfig.from_description(
+            replace(tags, noise=PixelNoise("gaussian", mean, stddev))
+        )
         assert (one.effects.noise_mean, one.effects.noise_stddev) == (255 * mean, 255 * stddev)
     assert not config.depth
     assert CameraConfig.from_description(description(kind="depth")).depth
-    silent = CameraConfig.from_description(description(noise=Noise("none", 0.1, 0.1)))
+    silent = CameraConfig.from_description(description(noise=PixelNoise("none", 0.1, 0.1)))
     assert silent.effects == Effects()
 
 

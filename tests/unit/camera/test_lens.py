@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from aras_sim_bridge.camera.intrinsics import CameraProjection, camera_matrix
+from aras_sim_bridge.camera.intrinsics import RenderProjection, camera_matrix
 from aras_sim_bridge.camera.lens import (
     LARGEST_ANGLE,
     RADIUS_FUNCTION,
@@ -80,7 +80,7 @@ def test_the_fold_is_where_the_radius_stops_growing(seed):
 
 @pytest.mark.parametrize("lens", [BrownLens(BROWN[1]), FisheyeLens((0.1, -0.02, 0.003, 0.0), 1.9)])
 def test_pixels_are_as_wide_and_as_high_as_the_camera_matrix_says(lens):
-    model = CameraProjection(camera_matrix(200.0, 230.0, 160.0, 95.0), lens)
+    model = RenderProjection(camera_matrix(200.0, 230.0, 160.0, 95.0), lens)
     flat = lens.project(rays())
     pixels = model.project(rays())
     np.testing.assert_allclose(pixels[:, 0], 200.0 * flat[:, 0] + 160.0)

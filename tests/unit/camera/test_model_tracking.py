@@ -14,8 +14,8 @@ from tracking_scenes import (
 )
 
 from aras_visual_servo_base.poses import exponential, inverse, matrix_from_xyz_rpy, rotation_vector
-from aras_visual_servo_camera.errors import ModelError, VisionError
-from aras_visual_servo_camera.model_tracker import ModelTracking, Solid
+from aras_visual_servo_camera.errors import TrackingModelError, VisionError
+from aras_visual_servo_camera.model_tracker import Solid, SolidTracking
 from aras_visual_servo_camera.model_tracker.edge_search import (
     UNKNOWN_LEVEL,
     estimate_noise,
@@ -25,8 +25,8 @@ from aras_visual_servo_camera.model_tracker.pose_fitting import build_surface_eq
 from aras_visual_servo_camera.model_tracker.visible_edges import (
     sample_visible_edges,
 )
+from aras_visual_servo_camera.trackers.initial_pose import InitialPose
 from aras_visual_servo_camera.trackers.model import ModelTracker
-from aras_visual_servo_camera.trackers.start_pose import StartPose
 from aras_visual_servo_camera.undistortion import CameraModel
 
 OFF = (0.002, -0.0015, 0.004, 0.012, -0.015, 0.02)  # m and rad that a start is off
@@ -50,7 +50,7 @@ def solid_of(name):
     if (i + j) % 2 == 0
 ])
 def test_a_pose_is_found_from_nearby_to_a_fraction_of_a_millimetre(folder, name, condition):
-    sequence, tracking = Sequence(name, condition, folder), ModelTracking(solid_of(name))
+    sequence, tracking = Sequence(name, condition, folder), SolidTracking(solid_of(name))
     for i in PICTURES:
         true = sequence.pose(i)
         tracking.start(exponential(OFF) @ true)
@@ -62,7 +62,7 @@ def test_a_pose_is_found_from_nearby_to_a_fraction_of_a_millimetre(folder, name,
 
 
 def test_a_solid_is_followed_and_its_motion_goes_on(folder):
-    sequence, tracking = Sequence("bracket", "cluttered", folder), ModelTracking(
+    sequence, tracking = Sequence("bracket", "cluttered", folder), SolidTracking(
         solid_of("bracket"))  # fmt: skip
     tracking.start(sequence.pose(0))
     for i in range(0, 24, 2):  # twice as fast
@@ -179,7 +179,7 @@ def test_what_differs_too_little_at_the_edge_itself_is_none(slope):
 
 
 def test_a_solid_that_is_gone_is_lost_and_found_again(folder):
-    sequence, tracking = Sequence("box", "clean", folder), ModelTracking(solid_of("box"))
+    sequence, tracking = Sequence("box", "clean", folder), SolidTracking(solid_of("box"))
     tracking.start(sequence.pose(0))
     assert not tracking.track(sequence.picture(0), CAMERA).loss_reason
     empty = np.full((480, 640), 90, np.uint8)
@@ -194,7 +194,7 @@ def test_a_solid_that_is_gone_is_lost_and_found_again(folder):
 
 
 def test_what_cannot_be_seen_stays_as_it_was_and_is_said(folder):
-    sequence, tracking = Sequence("cylinder", "clean", folder), ModelTracking(solid_of("cylinder"))
+    sequence, tracking = Sequence("cylinder", "clean", folder), SolidTracking(solid_of("cylinder"))
     true = sequence.pose(10)
     tracking.start(true @ matrix_from_xyz_rpy((0, 0, 0), (0.0, 0.0, 0.3)))
     found = tracking.track(sequence.picture(10), CAMERA)
@@ -206,7 +206,7 @@ def test_what_cannot_be_seen_stays_as_it_was_and_is_said(folder):
 
 
 def test_the_covariance_tells_the_spread_of_noisy_pictures(folder):
-    sequence, tracking = Sequence("box", "clean", folder), ModelTracking(solid_of("box"))
+    sequence, tracking = Sequence("box", "clean", folder), SolidTracking(solid_of("box"))
     true, plain = sequence.pose(60), sequence.picture(60)
     random = np.random.default_rng(3)
     middle = np.append(tracking.solid.middle, 1.0)
@@ -229,7 +229,7 @@ def test_a_mesh_of_another_size_is_known_less_well_by_what_its_edges_miss(folder
     for wider in (1.0, 1.02):
         tracker = ModelTracker(
             Solid.from_triangles(corners_of("box") * (wider, 1.0, 1.0), "box"),
-            StartPose({"pose": [0.0] * 6}),
+            InitialPose({"pose": [0.0] * 6}),
         )
         tracker.tracking.start(true)
         told.append(tracker.track(sequence.picture(60), CAMERA))
@@ -240,7 +240,7 @@ def test_a_mesh_of_another_size_is_known_less_well_by_what_its_edges_miss(folder
 
 
 def test_a_bar_whose_ends_are_not_seen_is_known_but_for_a_shift_along_it():
-    tracking = ModelTracking(
+    tracking = SolidTracking(
         Solid.from_triangles(block((0, 0), (1.4, 0.05), 0.0, 0.0, 0.04), "the bar")
     )
     pose = matrix_from_xyz_rpy((0.01, 0.02, 0.3), (2.6, 0.0, 0.0))
@@ -280,7 +280,7 @@ def test_a_depth_image_holds_what_noise_lets_go(folder):
     sequence, name = Sequence("cylinder", "noisy", folder), "cylinder"
     errors = []
     for deep in (False, True):
-        tracking, sums = ModelTracking(solid_of(name)), []
+        tracking, sums = SolidTracking(solid_of(name)), []
         for i in range(30, 230, 40):
             tracking.start(sequence.pose(i))
             depth = sequence.depth(i) if deep else None
@@ -297,21 +297,21 @@ def test_clicks_and_a_marker_start_it(folder):
     places = corners @ true[:3, :3].T + true[:3, 3]
     u, v = CAMERA.project(*(places[:, :2] / places[:, 2:]).T)
     rough = np.round(np.column_stack([corners, u + 1.5, v - 1.0]), 4)
-    tracker = ModelTracker(solid_of(name), StartPose({"clicks": rough.tolist()}))
+    tracker = ModelTracker(solid_of(name), InitialPose({"clicks": rough.tolist()}))
     told = tracker.track(picture, CAMERA)
     assert error_of(name, tracker.tracking.tracked_pose.camera_T_solid, true)[0] < 1e-4
     section = solid_of(name).compute_section_corners() @ true[:3, :3].T + true[:3, 3]
     assert np.abs(told.points - section[:, :2] / section[:, 2:]).max() < 2e-4
     assert told.plane.inverse_depth(*told.points[2]) == pytest.approx(1.0 / section[2, 2], rel=1e-3)
     assert 0.0 < told.accuracy < 1e-3
-    start = StartPose({"marker": {"size": 0.04, "pose": [0.01, 0, 0, 0, 0, 0]}})
+    start = InitialPose({"marker": {"size": 0.04, "pose": [0.01, 0, 0, 0, 0, 0]}})
     with pytest.raises(VisionError, match="no marker"):
         start.compute_camera_T_solid(picture, CAMERA, None)
 
 
 def test_a_pose_in_the_world_starts_it_and_kinematics_tell_where_to_look(folder):
     sequence, name = Sequence("box", "clean", folder), "box"
-    tracker = ModelTracker(solid_of(name), StartPose({"pose": [0, 0, 0, 0, 0, 0]}))
+    tracker = ModelTracker(solid_of(name), InitialPose({"pose": [0, 0, 0, 0, 0, 0]}))
     with pytest.raises(VisionError, match="needs the pose of the camera"):
         tracker.track(sequence.picture(0), CAMERA)
     for i in (0, 20, 60):  # far too far apart for a search
@@ -329,14 +329,14 @@ def test_a_pose_in_the_world_starts_it_and_kinematics_tell_where_to_look(folder)
     ({"marker": {"size": 0.1}}, "'pose'"),
 ])  # fmt: skip
 def test_a_start_that_is_none_is_refused(given, why):
-    with pytest.raises(ModelError, match=why):
-        StartPose(given)
+    with pytest.raises(TrackingModelError, match=why):
+        InitialPose(given)
 
 
 @pytest.mark.parametrize("known", [False, True])
 def test_a_lost_solid_starts_anew_only_while_nothing_of_it_was_known_in_the_world(folder, known):
     sequence = Sequence("box", "clean", folder)
-    tracker = ModelTracker(solid_of("box"), StartPose({"pose": [0] * 6}))
+    tracker = ModelTracker(solid_of("box"), InitialPose({"pose": [0] * 6}))
     world_T_camera = inverse(sequence.pose(0))
     if known:
         tracker.track(sequence.picture(0), CAMERA, world_T_camera)
@@ -347,17 +347,17 @@ def test_a_lost_solid_starts_anew_only_while_nothing_of_it_was_known_in_the_worl
 
 def test_meshes_that_are_no_solid_in_metres_are_refused():
     box = corners_of("box")
-    with pytest.raises(ModelError, match="80 m long: is it in millimetres"):
+    with pytest.raises(TrackingModelError, match="80 m long: is it in millimetres"):
         Solid.from_triangles(1000.0 * box, "part.stl")
-    with pytest.raises(ModelError, match="too small"):
+    with pytest.raises(TrackingModelError, match="too small"):
         Solid.from_triangles(0.001 * box, "part.stl")
-    with pytest.raises(ModelError, match="part.stl is not a closed"):
+    with pytest.raises(TrackingModelError, match="part.stl is not a closed"):
         Solid.from_triangles(box[1:], "part.stl")
-    with pytest.raises(ModelError, match="inside out"):
+    with pytest.raises(TrackingModelError, match="inside out"):
         Solid.from_triangles(box[:, ::-1], "part.stl")
     flipped = box.copy()
     flipped[3] = flipped[3, ::-1]
-    with pytest.raises(ModelError, match="not a closed surface"):
+    with pytest.raises(TrackingModelError, match="not a closed surface"):
         Solid.from_triangles(flipped, "part.stl")
     assert len(Solid.from_triangles(block((0, 0), (0.1, 0.05), 0.3, 0.0, 0.04)).edges) == 12
 

@@ -6,7 +6,7 @@ from scenes import link_pose, looking
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.camera.points import PointCloud, clip_depth
-from aras_sim_bridge.description import DepthTopics
+from aras_sim_bridge.description import DepthDescription
 from aras_sim_bridge.rendering import create_renderer
 
 WIDE = {"lens": "equidistant", "horizontal_fov": 3.4}
@@ -34,7 +34,7 @@ POSE = looking([0.5, -0.3, 0.9], [0.05, 0.0, 0.1])
 @pytest.mark.parametrize("settings", [OFF_CENTRE, WIDE, {
     "distortion_coefficients": (-0.2, 0.05, 0.001, -0.002, 0.0)}])
 def test_points_are_the_depth_along_the_pixels_rays(bench, settings):
-    sensor, frame, points = cloud_of(bench, DepthTopics(), **settings)
+    sensor, frame, points = cloud_of(bench, DepthDescription(), **settings)
     seen = np.isfinite(frame.depth)
     assert np.array_equal(seen, np.isfinite(points[..., 2])) and seen.sum() > 400
     xyz = points[seen][:, :3]
@@ -52,12 +52,12 @@ def test_points_are_the_depth_along_the_pixels_rays(bench, settings):
 
 
 def test_colours_stand_where_point_cloud_libraries_look_for_them(bench):
-    _, frame, points = cloud_of(bench, DepthTopics(), **OFF_CENTRE)
+    _, frame, points = cloud_of(bench, DepthDescription(), **OFF_CENTRE)
     bytes_ = points.view(np.uint8).reshape(48, 64, 32)
     assert np.array_equal(bytes_[..., 16:19], frame.image[..., ::-1])
     assert not bytes_[..., 19:].any() and not bytes_[..., 12:16].any()
     grey = np.full((48, 64), 0x1234, np.uint16)
-    topics = DepthTopics()
+    topics = DepthDescription()
     small = PointCloud(np.ones((48, 64, 3), np.float32), topics).compute_points(frame.depth, grey)
     assert (small.view(np.uint8).reshape(48, 64, 32)[..., 16:19] == 0x12).all()
 
@@ -65,17 +65,17 @@ def test_colours_stand_where_point_cloud_libraries_look_for_them(bench):
 def test_the_reach_of_a_camera():
     depth = np.array([[0.4, 0.5, 2.0, 3.0, np.inf, 70.0]], np.float32)
     nan = np.nan
-    assert clip_depth(depth, DepthTopics()) is depth
+    assert clip_depth(depth, DepthDescription()) is depth
     np.testing.assert_array_equal(
-        clip_depth(depth, DepthTopics(nearest=0.4)), [[nan, 0.5, 2.0, 3.0, np.inf, 70.0]])
+        clip_depth(depth, DepthDescription(nearest=0.4)), [[nan, 0.5, 2.0, 3.0, np.inf, 70.0]])
     np.testing.assert_array_equal(
-        clip_depth(depth, DepthTopics(nearest=0.45, farthest=3.0)),
+        clip_depth(depth, DepthDescription(nearest=0.45, farthest=3.0)),
         [[nan, 0.5, 2.0, nan, nan, nan]])
-    millimetres = clip_depth(depth, DepthTopics(nearest=0.4, millimetres=True))
+    millimetres = clip_depth(depth, DepthDescription(nearest=0.4, millimetres=True))
     assert millimetres.dtype == np.uint16
     np.testing.assert_array_equal(millimetres, [[0, 500, 2000, 3000, 0, 0]])
     rays = np.dstack([np.full((1, 6), 0.5), np.full((1, 6), -0.25), np.ones((1, 6))])
-    topics = DepthTopics(nearest=0.4, farthest=3.0)
+    topics = DepthDescription(nearest=0.4, farthest=3.0)
     grey = np.zeros((1, 6), np.uint8)
     xyz = PointCloud(rays.astype(np.float32), topics).compute_points(depth, grey)[..., :3]
     np.testing.assert_array_equal(

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from aras_sim_bridge.control.drives import JointModel
+from aras_sim_bridge.control.drives import SimulatedRobot
 from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.control.loop import ControlLoop
 from aras_sim_bridge.control.manager import ControllerManager
@@ -44,7 +44,7 @@ def joint_of(name, kind="revolute", interface="EffortJointInterface", limits=Non
     return Joint(name, kind, "base", name, limits=limits), replace(transmission, **more)
 
 
-class UnitMasses(JointModel):
+class UnitMasses(SimulatedRobot):
     """Unit masses, one a joint.
 
     `stuck` joints do not move, `stops` are upper stops by joint, and `calls` lists the calls of the

@@ -4,7 +4,12 @@ from itertools import product
 
 import pytest
 
-from aras_sim_bridge.control.controllers.splines import Segment, Tolerance, Waypoint, fit_spline
+from aras_sim_bridge.control.controllers.splines import (
+    SplineSegment,
+    StateTolerances,
+    Waypoint,
+    fit_spline,
+)
 
 S = 1_000_000_000
 
@@ -36,19 +41,19 @@ def test_coefficients(proves, start, end, duration, coefficients):
 @pytest.mark.parametrize("values", list(product([-1.0, 2.0], repeat=4)))
 def test_quintic_takes_all_six_end_values(values):
     v0, v1, a0, a1 = values
-    segment = Segment(3 * S, Waypoint(0.5, v0, a0), 3 * S + S // 4, Waypoint(-1.5, v1, a1))
+    segment = SplineSegment(3 * S, Waypoint(0.5, v0, a0), 3 * S + S // 4, Waypoint(-1.5, v1, a1))
     assert segment.sample(3 * S) == pytest.approx((0.5, v0, a0))
     assert segment.sample(3 * S + S // 4) == pytest.approx((-1.5, v1, a1))
 
 
 def test_cubic_takes_all_four_end_values():
-    segment = Segment(0, Waypoint(0.5, 2.0), S // 2, Waypoint(-1.5, -3.0))
+    segment = SplineSegment(0, Waypoint(0.5, 2.0), S // 2, Waypoint(-1.5, -3.0))
     assert segment.sample(0)[:2] == pytest.approx((0.5, 2.0))
     assert segment.sample(S // 2)[:2] == pytest.approx((-1.5, -3.0))
 
 
 def test_derivatives_agree_with_finite_differences():
-    segment = Segment(0, Waypoint(0.5, 2.0, -1.0), S, Waypoint(-1.5, -3.0, 4.0))
+    segment = SplineSegment(0, Waypoint(0.5, 2.0, -1.0), S, Waypoint(-1.5, -3.0, 4.0))
     step = 100_000
     for time in range(S // 10, S, S // 10):
         before, here, after = (segment.sample(time + k * step) for k in (-1, 0, 1))
@@ -58,7 +63,7 @@ def test_derivatives_agree_with_finite_differences():
 
 
 def test_outside_its_time_it_rests_at_the_ends():
-    segment = Segment(S, Waypoint(1.0), 2 * S, Waypoint(3.0))
+    segment = SplineSegment(S, Waypoint(1.0), 2 * S, Waypoint(3.0))
     assert segment.sample(0) == (1.0, 0.0, 0.0)
     assert segment.sample(2 * S) == (3.0, 2.0, 0.0)
     assert segment.sample(2 * S + 1) == (3.0, 0.0, 0.0)
@@ -76,5 +81,5 @@ def test_outside_its_time_it_rests_at_the_ends():
     ],
 )
 def test_tolerances_of_zero_are_not_checked(tolerance, position, velocity, holds):
-    assert Tolerance() == (0.0, 0.0, 0.0)
-    assert Tolerance(*tolerance).is_met(position, velocity) is holds
+    assert StateTolerances() == (0.0, 0.0, 0.0)
+    assert StateTolerances(*tolerance).is_met(position, velocity) is holds

@@ -10,7 +10,7 @@ from aras_sim_bridge.description import (
     CameraPlugin,
     ControlPlugin,
     LensDescription,
-    Noise,
+    PixelNoise,
     parse_urdf,
 )
 from aras_sim_bridge.errors import DescriptionError
@@ -38,7 +38,7 @@ def test_a_camera_s_numbers():
     assert made.pose == ((1, 2, 3), (0.1, 0.2, 0.3))
     assert (made.horizontal_fov, made.width, made.height, made.format) == (2.0, 640, 480, "L8")
     assert (made.near, made.far, made.update_rate) == (0.02, 50.0, 30.0)
-    assert made.noise == Noise("gaussian", 0.1, 0.2)
+    assert made.noise == PixelNoise("gaussian", 0.1, 0.2)
     assert (made.distortion, made.distortion_center) == ((1, 2, 3, 4, 5), (0.4, 0.6))
     assert made.plugin is None and made.lens is None
 
@@ -46,11 +46,11 @@ def test_a_camera_s_numbers():
 def test_what_a_camera_leaves_open():
     """Its numbers: test_left_open.py."""
     made = camera()
-    assert (made.noise, made.distortion, made.distortion_center) == (Noise(), None, (0.5, 0.5))
+    assert (made.noise, made.distortion, made.distortion_center) == (PixelNoise(), None, (0.5, 0.5))
     for size in (1, 16384):  # the smallest and the largest picture there are
         image = f"<image><width>{size}</width><height>{size}</height></image>"
         assert (camera(image).width, camera(image).height) == (size, size)
-    assert camera("<noise/>").noise == Noise("gaussian", 0.0, 0.0)
+    assert camera("<noise/>").noise == PixelNoise("gaussian", 0.0, 0.0)
     made = camera("<distortion/>")
     assert (made.distortion, made.distortion_center) == ((0, 0, 0, 0, 0), (0.5, 0.5))
 
@@ -247,4 +247,4 @@ def test_a_camera_stands_in_its_sensor_and_that_in_its_link(sensor, own):
     ("<noise><mean>-1</mean></noise>", "gaussian"),
 ])
 def test_a_noise_s_type_is_an_element_or_an_attribute(noise, kind):
-    assert camera(noise).noise == Noise(kind, -1.0 if "-1" in noise else 0.0, 0.0)
+    assert camera(noise).noise == PixelNoise(kind, -1.0 if "-1" in noise else 0.0, 0.0)

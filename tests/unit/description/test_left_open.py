@@ -7,7 +7,7 @@ import pytest
 
 from aras_sim_bridge.description import (
     CameraPlugin,
-    DepthTopics,
+    DepthDescription,
     parse_sdf,
     parse_urdf,
     read_sdf,
@@ -139,8 +139,8 @@ def test_a_camera_and_its_plugin_in_full(file, expected):
 def test_how_far_a_depth_camera_may_see(name, fits, beyond):
     """Without end, but not from there on."""
     for value in fits:
-        made = build(DepthTopics, {name: value}, "depth_topics", DescriptionError)
+        made = build(DepthDescription, {name: value}, "depth_topics", DescriptionError)
         assert getattr(made, name) == value
     for value in beyond:
         with pytest.raises(DescriptionError, match=f"depth_topics.*{name} is"):
-            build(DepthTopics, {name: value}, "depth_topics", DescriptionError)
+            build(DepthDescription, {name: value}, "depth_topics", DescriptionError)

@@ -6,7 +6,7 @@ from dataclasses import astuple, replace
 import pytest
 
 from aras_sim_bridge.camera import CameraConfig
-from aras_sim_bridge.description import DepthTopics, SensorDescription, parse_sdf, parse_urdf
+from aras_sim_bridge.description import DepthDescription, SensorDescription, parse_sdf, parse_urdf
 from aras_sim_bridge.description.plugins import PLUGINS
 from aras_sim_bridge.errors import CameraError, DescriptionError
 
@@ -108,11 +108,11 @@ def test_a_trigger_on_a_camera_that_has_none():
 
 def test_depth_cameras_as_upstream_names_and_bounds_them():
     plain = config("libgazebo_ros_depth_camera.so", kind="depth")
-    assert plain.depth and plain.depth_topics == DepthTopics(
+    assert plain.depth and plain.depth_topics == DepthDescription(
         "depth/image_raw", "depth/camera_info", "points", 0.4, math.inf, False, rows=False)
     assert (plain.image_topic, plain.info_topic) == ("ir/image_raw", "ir/camera_info")
     kinect = config("libgazebo_ros_openni_kinect.so", kind="depth")
-    assert kinect.depth_topics == DepthTopics(
+    assert kinect.depth_topics == DepthDescription(
         "depth/image_raw", "depth/camera_info", "points", 0.4, 5.0, False, rows=True)
     full = config(
         "libgazebo_ros_openni_kinect.so",
@@ -122,7 +122,7 @@ def test_depth_cameras_as_upstream_names_and_bounds_them():
         "<pointCloudTopicName>d/p</pointCloudTopicName><pointCloudCutoff>.1</pointCloudCutoff>"
         "<pointCloudCutoffMax>3</pointCloudCutoffMax>"
         "<useDepth16UC1Format>true</useDepth16UC1Format>", kind="depth")
-    assert full.depth_topics == DepthTopics("d/i", "d/c", "d/p", 0.1, 3.0, True)
+    assert full.depth_topics == DepthDescription("d/i", "d/c", "d/p", 0.1, 3.0, True)
     assert (full.image_topic, full.info_topic) == ("rgb/i", "rgb/c")
     near = config("libgazebo_ros_openni_kinect.so", "<pointCloudCutoff>0</pointCloudCutoff>"
                   "<pointCloudCutoffMax>.5</pointCloudCutoffMax>", kind="depth").depth_topics

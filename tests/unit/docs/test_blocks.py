@@ -21,7 +21,7 @@ from aras_visual_servo_bench.cli import main as bench
 from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.studies.engine import check_study
 from aras_visual_servo_bench.studies.study import Study
-from aras_visual_servo_controller.settings import Settings
+from aras_visual_servo_controller.settings import ControllerSettings
 
 LANGUAGES = {"python", "yaml", "bash", "text", "xml"}
 # By page, what is executed instead of the text of a block, so that it takes less time.
@@ -103,8 +103,8 @@ def load(tree: Mapping[str, Any]) -> None:
         assert "." in tree["class"]
     elif keys <= fields:
         Experiment.from_mapping(tree)
-    elif keys <= {field.name for field in dataclasses.fields(Settings)}:
-        Settings.from_mapping(tree)
+    elif keys <= {field.name for field in dataclasses.fields(ControllerSettings)}:
+        ControllerSettings.from_mapping(tree)
     elif all(isinstance(value, Mapping) for value in tree.values()):
         for entry in tree.values():
             group(entry)

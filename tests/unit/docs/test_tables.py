@@ -22,7 +22,7 @@ from aras_visual_servo_base.settings import list_defaults
 from aras_visual_servo_camera.features import compute_required_order
 from aras_visual_servo_camera.moments import POINTS
 from aras_visual_servo_camera.parameters import VisionParameters
-from aras_visual_servo_controller.settings import Settings
+from aras_visual_servo_controller.settings import ControllerSettings
 
 BRIDGE, CAMERA_KEYS = "src/aras_sim_bridge/README.md", "src/aras_sim_bridge/docs/camera.md"
 CAMERA, WORLD = "src/aras_visual_servo_camera/README.md", "src/aras_visual_servo_gazebo/README.md"
@@ -164,7 +164,7 @@ def same(told: str, value: object) -> bool:
 
 @pytest.mark.parametrize(("page", "heading", "kind", "column"), [
     (BRIDGE, "parameter", NodeParameters, 2), (CAMERA, "parameter", VisionParameters, 1),
-    (CONTROLLER, "name", Settings, 1)])  # fmt: skip
+    (CONTROLLER, "name", ControllerSettings, 1)])  # fmt: skip
 def test_parameters_are_listed_with_their_defaults(page, heading, kind, column):
     known = list_defaults(kind)
     for row in table(page, heading):
@@ -215,7 +215,7 @@ def test_arguments_of_launch_files_are_listed_with_their_defaults():
             continue  # in words
         for name, value in zip(names, told, strict=True):
             assert name in known, name
-            own = str(getattr(Settings(), name, None)) if "" in known[name] else None
+            own = str(getattr(ControllerSettings(), name, None)) if "" in known[name] else None
             assert value == own or any(f"/{d}".endswith(f"/{value}") for d in known[name]), name
             compared += 1
     assert compared >= 30

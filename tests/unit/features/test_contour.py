@@ -17,7 +17,7 @@ from aras_visual_servo_camera.line_fits import (
     compute_rms_deviation,
 )
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_camera.segmentation import Segmentation
+from aras_visual_servo_camera.segmentation import SegmentationSettings
 from aras_visual_servo_camera.segmented_target import segment
 from aras_visual_servo_camera.undistortion import CameraModel
 
@@ -52,7 +52,7 @@ def test_a_sharp_corner_that_is_blunt_is_one(begin):
 @pytest.mark.parametrize("shape", SCALES)
 def test_corners_are_where_the_shape_has_them(shape, tilt, turn):
     drawn, grey = picture(SCALES[shape], tilt, turn)
-    outline = extract_outline(grey, segment(grey, Segmentation()), CAMERA)
+    outline = extract_outline(grey, segment(grey, SegmentationSettings()), CAMERA)
     corners = find_corners(outline)
     assert corners.shape == drawn.shape
     assert nearest(corners, drawn).max() < 0.15 / 200.0  # 0.15 pixel
@@ -72,7 +72,7 @@ def test_sides_of_four_pixels_do_not_tilt_with_the_rows_that_they_lie_on(row):
     """Corners of a shipped target's steps jumped by two pixels where a side lay along a row."""
     shape = STEPS * 27.0 / 200.0 + np.array([0.0, row / 201.0])
     grey = grey_image(shape, CAMERA.pinhole)
-    corners = find_corners(extract_outline(grey, segment(grey, Segmentation()), CAMERA))
+    corners = find_corners(extract_outline(grey, segment(grey, SegmentationSettings()), CAMERA))
     assert corners.shape == shape.shape
     assert nearest(corners, shape).max() < 0.5 / 200.0  # half a pixel
 
@@ -87,7 +87,7 @@ def test_pixels_are_no_corners(width, turn):
     R = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     shape = IRREGULAR @ R.T * width / 200.0 + np.array([0.0013, 0.0021])
     grey = grey_image(shape, CAMERA.pinhole)
-    corners = find_corners(extract_outline(grey, segment(grey, Segmentation()), CAMERA))
+    corners = find_corners(extract_outline(grey, segment(grey, SegmentationSettings()), CAMERA))
     assert corners.shape == shape.shape
     assert nearest(corners, shape).max() < 0.5 / 200.0  # half a pixel
 
@@ -95,7 +95,7 @@ def test_pixels_are_no_corners(width, turn):
 @pytest.mark.parametrize("turn", [0.0, 133.0])
 def test_the_outline_encloses_the_area(turn):
     drawn, grey = picture(L_SHAPE, (5.0, 8.0), turn)
-    outline = extract_outline(grey, segment(grey, Segmentation()), CAMERA)
+    outline = extract_outline(grey, segment(grey, SegmentationSettings()), CAMERA)
     exact, found = Moments.from_polygon(drawn), Moments.from_polygon(outline)
     assert found.m00 == pytest.approx(exact.m00, rel=4e-3)
     np.testing.assert_allclose([found.xg, found.yg], [exact.xg, exact.yg], atol=0.05 / 200.0)
@@ -112,7 +112,7 @@ def test_corners_through_a_lens():
     u, v = lens.project(*np.concatenate(sides).T)
     bent = np.stack([(u - 158.3) / 200.0, (v - 121.6) / 201.0], axis=1)
     grey = grey_image(bent, CAMERA.pinhole)
-    corners = find_corners(extract_outline(grey, segment(grey, Segmentation()), lens))
+    corners = find_corners(extract_outline(grey, segment(grey, SegmentationSettings()), lens))
     assert len(corners) == 4
     assert nearest(corners, drawn).max() < 0.3 / 200.0
 
@@ -125,7 +125,7 @@ def test_a_disc_is_no_polygon_and_a_speck_has_no_outline():
     grey = np.full((240, 320), 255, np.uint8)
     grey[100:102, 100:102] = 0
     with pytest.raises(SegmentationError, match="outline"):
-        extract_outline(grey, segment(grey, Segmentation(min_pixels=1)), CAMERA)
+        extract_outline(grey, segment(grey, SegmentationSettings(min_pixels=1)), CAMERA)
 
 
 def test_an_edge_of_30_pixels_is_too_blurred():
@@ -133,7 +133,7 @@ def test_an_edge_of_30_pixels_is_too_blurred():
     radius = np.hypot(u - CAMERA.pinhole.cx, v - CAMERA.pinhole.cy)
     for slope, refused in ((6.0, True), (50.0, False)):  # grey levels per pixel
         grey = np.clip(60.0 + slope * (radius - 60.0), 0.0, 230.0).astype(np.uint8)
-        target = segment(grey, Segmentation(threshold=100))
+        target = segment(grey, SegmentationSettings(threshold=100))
         if refused:
             with pytest.raises(SegmentationError, match="too blurred: focus the camera"):
                 extract_outline(grey, target, CAMERA)
@@ -147,7 +147,7 @@ def test_a_small_targets_corners_are_those_of_its_model(turn, depth):
     """Fifteen pixels across, the plates show from 7 to 11 corners of their eight."""
     model, _ = picture(SCALES["target"], (0.0, 0.0), 0.0)
     drawn, grey = picture(SCALES["target"], (12.0, -8.0), turn, depth)
-    outline = extract_outline(grey, segment(grey, Segmentation()), CAMERA)
+    outline = extract_outline(grey, segment(grey, SegmentationSettings()), CAMERA)
     for known, wanted in (
         (model, drawn), (model[::-1], drawn[::-1]), (np.roll(model, 3, 0), np.roll(drawn, 3, 0))
     ):  # fmt: skip
@@ -158,7 +158,7 @@ def test_a_small_targets_corners_are_those_of_its_model(turn, depth):
 def test_another_polygon_is_not_taken_for_the_model():
     model, _ = picture(SCALES["target"], (0.0, 0.0), 0.0)
     _, grey = picture(SCALES["L"], (0.0, 0.0), 10.0)
-    outline = extract_outline(grey, segment(grey, Segmentation()), CAMERA)
+    outline = extract_outline(grey, segment(grey, SegmentationSettings()), CAMERA)
     with pytest.raises(SegmentationError, match="does not match the 8 corners"):
         match_corners(outline, model)
 

@@ -25,7 +25,7 @@ from feature_cases import (
 )
 
 from aras_visual_servo_camera import features
-from aras_visual_servo_camera.errors import DegenerateFeatureError, FeatureError
+from aras_visual_servo_camera.errors import DegenerateFeatureError, UnavailableFeatureError
 from aras_visual_servo_camera.features import PAPER_FEATURES, Reference, compute_required_order
 from aras_visual_servo_camera.features import compute_moment_features as compute
 from aras_visual_servo_camera.formula import Formula
@@ -158,7 +158,7 @@ def test_values_alone_are_those_beside_their_interaction_matrix() -> None:
     found = compute(moments, names, plane, REFERENCE)
     assert found.degenerate.keys() == {"1 / (m00 - a)"} and found.values.all() == 0.0
     assert (features.compute_feature_values(moments, names, plane, REFERENCE) == found.values).all()
-    with pytest.raises(FeatureError, match="up to order 4"):
+    with pytest.raises(UnavailableFeatureError, match="up to order 4"):
         features.compute_feature_values(Moments.from_polygon(TARGET, 3), names, plane, REFERENCE)
 
 
@@ -188,7 +188,7 @@ def test_only_the_needed_order_is_asked_for(names, order: int) -> None:
     np.testing.assert_allclose(low.values, full.values, rtol=1e-12)
     np.testing.assert_allclose(low.L, full.L, rtol=1e-9, atol=1e-12)
     if order > 2:
-        with pytest.raises(FeatureError, match=f"up to order {order}"):
+        with pytest.raises(UnavailableFeatureError, match=f"up to order {order}"):
             compute(polygon_moments(view, order - 1), names, view.plane, REFERENCE)
 
 
@@ -198,7 +198,7 @@ def test_points_that_coincide_or_stand_in_line() -> None:
     result = compute(point, names, FRONT, REFERENCE)
     assert np.isfinite(result.values).all() and np.isfinite(result.L).all()
     assert {"an", "alpha", "Px", "Py", "C1"} <= set(result.degenerate)
-    with pytest.raises(FeatureError, match="coincide"):
+    with pytest.raises(UnavailableFeatureError, match="coincide"):
         compute(point, names, reference=REFERENCE)
     line = compute(Moments.from_points([[0, 0], [1, 1], [3, 3]]), names, FRONT, REFERENCE)
     assert np.isfinite(line.values).all() and np.isfinite(line.L).all()
@@ -223,9 +223,9 @@ def test_without_a_plane_the_depth_comes_from_the_area() -> None:
     ],
 )
 def test_wrong_requests_are_refused(names, arguments, text: str) -> None:
-    with pytest.raises(FeatureError, match=text):
+    with pytest.raises(UnavailableFeatureError, match=text):
         compute(Moments.from_polygon(L_SHAPE), names, **arguments)
-    with pytest.raises(FeatureError, match="positive area and depth"):
+    with pytest.raises(UnavailableFeatureError, match="positive area and depth"):
         Reference(0.0, 1.0)
 
 
@@ -236,7 +236,7 @@ def test_result_is_immutable_and_in_the_asked_order() -> None:
         result.L[0, 0] = 1.0
     with pytest.raises(TypeError):
         result.degenerate["xg"] = "no"
-    with pytest.raises(FeatureError, match="was not computed"):
+    with pytest.raises(UnavailableFeatureError, match="was not computed"):
         result["an"]
 
 
@@ -281,7 +281,7 @@ def test_plane_from_pose_holds_its_points() -> None:
 def test_order_beyond_the_moments_is_refused() -> None:
     moments = Moments.from_polygon(random_view(0).image, order=3)
     assert len(compute_raw_interaction(moments, Plane(0, 0, 1))) == 6  # up to the second order
-    with pytest.raises(FeatureError, match="need moments up to order 4"):
+    with pytest.raises(UnavailableFeatureError, match="need moments up to order 4"):
         compute_raw_interaction(moments, Plane(0, 0, 1), 3)
 
 
@@ -294,13 +294,13 @@ def test_order_beyond_the_moments_is_refused() -> None:
     ],
 )
 def test_impossible_planes_are_refused(make) -> None:
-    with pytest.raises(FeatureError):
+    with pytest.raises(UnavailableFeatureError):
         make()
 
 
 @pytest.mark.parametrize("points", [np.ones((4, 3)), np.ones((4, 1)), np.ones(2), []])
 def test_points_have_two_coordinates(points) -> None:
-    with pytest.raises(FeatureError, match="shape .*, must have the shape \\(n, 2\\)"):
+    with pytest.raises(UnavailableFeatureError, match="shape .*, must have the shape \\(n, 2\\)"):
         point_interaction(points, 1.0)
 
 

@@ -9,9 +9,13 @@ import numpy as np
 import pytest
 from feature_cases import RECTANGLE, grey_image
 
+from aras_visual_servo_camera.detection_pipeline import (
+    DetectionPipeline,
+    DetectionSettings,
+    TargetDetection,
+)
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.overlay import draw
-from aras_visual_servo_camera.pipeline import Pipeline, PipelineSettings, TargetDetection
 from aras_visual_servo_camera.undistortion import CameraModel
 
 # Focal lengths and principal point differ, so that no two of them can stand for one another.
@@ -29,7 +33,7 @@ def grey() -> np.ndarray:
 
 
 def measured(grey: np.ndarray) -> TargetDetection:
-    pipeline = Pipeline(PipelineSettings())
+    pipeline = DetectionPipeline(DetectionSettings())
     pipeline.set_camera(CAMERA)
     return pipeline.measure(Image(grey, "mono8"))
 

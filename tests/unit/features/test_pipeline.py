@@ -8,12 +8,16 @@ import numpy as np
 import pytest
 from feature_cases import TARGET, View, grey_image, rotation
 
-from aras_visual_servo_camera.errors import CalibrationError, DegenerateFeatureError
+from aras_visual_servo_camera.detection_pipeline import (
+    DetectionPipeline,
+    DetectionSettings,
+    TargetDetection,
+)
+from aras_visual_servo_camera.errors import DegenerateFeatureError, InvalidIntrinsicsError
 from aras_visual_servo_camera.features import compute_moment_features as compute
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_camera.pipeline import Pipeline, PipelineSettings, TargetDetection
-from aras_visual_servo_camera.segmentation import Segmentation
+from aras_visual_servo_camera.segmentation import SegmentationSettings
 from aras_visual_servo_camera.undistortion import CameraModel
 
 CAMERA = CameraModel(320, 240, (188.04, 0, 159.5, 0, 188.04, 119.5, 0, 0, 1), (0.0,) * 5)
@@ -25,9 +29,11 @@ def view(seed: int, tilt: float = 0.1) -> View:
     return View(TARGET, R, np.array([*random.uniform(-0.03, 0.03, 2), random.uniform(0.18, 0.3)]))
 
 
-def measure(grey: np.ndarray, pipeline: Pipeline | None = None, **settings) -> TargetDetection:
+def measure(
+    grey: np.ndarray, pipeline: DetectionPipeline | None = None, **settings
+) -> TargetDetection:
     if pipeline is None:
-        pipeline = Pipeline(PipelineSettings(**settings))
+        pipeline = DetectionPipeline(DetectionSettings(**settings))
         pipeline.set_camera(CAMERA)
     return pipeline.measure(Image(grey, "mono8"))
 
@@ -113,7 +119,7 @@ def test_bad_targets_are_not_valid_and_say_why(grey, text: str) -> None:
 def test_of_several_objects_is_said_which_is_the_target_and_why(component, words) -> None:
     grey = with_box(100, 0, 60, 40)
     grey[30:50, 200:220] = 0
-    measured = measure(grey, segmentation=Segmentation(component=component))
+    measured = measure(grey, segmentation=SegmentationSettings(component=component))
     assert not measured.valid
     assert measured.reason.startswith("the target touches the left border of the image (")
     assert words in measured.reason
@@ -126,10 +132,10 @@ def test_of_one_object_is_said_where_it_is() -> None:
 
 
 def test_without_camera_info() -> None:
-    pipeline = Pipeline(PipelineSettings())
+    pipeline = DetectionPipeline(DetectionSettings())
     measured = pipeline.measure(Image(with_box(100, 100, 30, 40), "mono8"))
     assert not measured.valid and "no camera_info" in measured.reason
-    with pytest.raises(CalibrationError, match="no camera_info"):
+    with pytest.raises(InvalidIntrinsicsError, match="no camera_info"):
         pipeline.compute_original_data(Image(with_box(100, 100, 30, 40), "mono8"))
     pipeline.set_camera(CAMERA)
     assert pipeline.measure(Image(with_box(100, 100, 30, 40), "mono8")).valid
@@ -139,7 +145,7 @@ def test_without_camera_info() -> None:
 
 
 def test_size_that_changes_mid_run() -> None:
-    pipeline = Pipeline(PipelineSettings())
+    pipeline = DetectionPipeline(DetectionSettings())
     pipeline.set_camera(CAMERA)
     assert measure(with_box(100, 100, 30, 40), pipeline).valid
     smaller = with_box(100, 100, 30, 40)[:200, :300]
@@ -157,7 +163,7 @@ def test_size_that_changes_mid_run() -> None:
     ids=["left", "right", "above", "below"],
 )
 def test_nearest_is_measured_from_the_middle_of_the_target(near, far) -> None:
-    pipeline = Pipeline(PipelineSettings(Segmentation(component="nearest")))
+    pipeline = DetectionPipeline(DetectionSettings(SegmentationSettings(component="nearest")))
     pipeline.set_camera(CAMERA)
     measure(with_box(100, 100, 30, 40), pipeline)  # its middle: column 119.5, row 114.5
     grey = white()
@@ -167,7 +173,7 @@ def test_nearest_is_measured_from_the_middle_of_the_target(near, far) -> None:
 
 
 def test_a_lost_target_is_looked_for_anew() -> None:
-    pipeline = Pipeline(PipelineSettings(Segmentation(component="nearest")))
+    pipeline = DetectionPipeline(DetectionSettings(SegmentationSettings(component="nearest")))
     pipeline.set_camera(CAMERA)
     grey = with_box(100, 20, 10, 10)
     measure(grey, pipeline)
@@ -182,7 +188,7 @@ def test_a_lost_target_is_looked_for_anew() -> None:
 @pytest.mark.parametrize("lens", [(0.0,) * 5, (1e-9, 0, 0, 0, 0)], ids=["pinhole", "lens"])
 def test_moments_of_a_rectangle_of_whole_pixels(height, width, weighting, lens) -> None:
     camera = CameraModel(320, 240, (200.0, 0, 159.5, 0, 160.0, 119.5, 0, 0, 1), lens)
-    pipeline = Pipeline(PipelineSettings(weighting=weighting))
+    pipeline = DetectionPipeline(DetectionSettings(weighting=weighting))
     pipeline.set_camera(camera)
     moments = measure(with_box(70, 130, height, width), pipeline).moments
     a, b = width / 200.0, height / 160.0
@@ -197,18 +203,18 @@ def test_moments_of_a_rectangle_of_whole_pixels(height, width, weighting, lens) 
 
 def test_original_arrays() -> None:
     grey = with_box(100, 100, 30, 40, level=249)  # only the original's threshold sees it
-    pipeline = Pipeline(PipelineSettings())
+    pipeline = DetectionPipeline(DetectionSettings())
     pipeline.set_camera(CAMERA)
     numbers = pipeline.compute_original_data(Image(grey, "mono8"))
     assert numbers == pytest.approx([(114.5 - 119.5) / 188.04, (119.5 - 159.5) / 188.04, 1200, 0])
-    kernel = Pipeline(PipelineSettings(layout="kernel"))
+    kernel = DetectionPipeline(DetectionSettings(layout="kernel"))
     assert len(kernel.compute_original_data(Image(grey, "mono8"))) == 20
     with pytest.raises(DegenerateFeatureError):
         pipeline.compute_original_data(Image(white(), "mono8"))
 
 
 def test_original_mask_is_the_same_on_a_table_that_is_not_quite_white() -> None:
-    pipeline = Pipeline(PipelineSettings())
+    pipeline = DetectionPipeline(DetectionSettings())
     grey = grey_image(view(5).image, CAMERA.pinhole)
     white = pipeline.make_original_mask(Image(grey, "mono8"))
     assert 0 < (white > 0).mean() < 0.5
@@ -225,7 +231,7 @@ FISHEYE = CameraModel(320, 240, (106.0, 0, 159.5, 0, 106.0, 119.5, 0, 0, 1), (0.
 
 
 def test_beyond_the_image_circle_of_a_wide_lens_nothing_is_the_target():
-    pipeline = Pipeline(PipelineSettings())
+    pipeline = DetectionPipeline(DetectionSettings())
     pipeline.set_camera(FISHEYE)
     grey = with_box(110, 150, 20, 20)
     grey[:40, 285:] = 90  # 100 degrees off the axis, and larger

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from aras_visual_servo_base.poses import inverse, matrix_from_xyz_rpy
-from aras_visual_servo_camera.errors import ModelError
+from aras_visual_servo_camera.errors import TrackingModelError
 from aras_visual_servo_camera.silhouette import (
-    OutlinePlane,
+    OutlinePlaneFitter,
     find_silhouette_points,
     fit_outline_plane,
     fit_rim,
@@ -52,7 +52,7 @@ def test_the_plane_of_a_solid_that_lies_somewhere_in_the_world_is_that_of_its_vi
     solid = matrix_from_xyz_rpy((0.3, -0.2, 0.05), (0.2, -0.1, 0.7))
     camera = matrix_from_xyz_rpy((0.28, -0.17, 0.4), (np.pi - 0.1, 0.05, -0.4))
     points = (np.column_stack([BOX, np.ones(8)]) @ (inverse(camera) @ solid).T)[:, :3]
-    found = OutlinePlane(BOX, solid, "box.stl").compute_plane(camera)
+    found = OutlinePlaneFitter(BOX, solid, "box.stl").compute_plane(camera)
     assert found == pytest.approx(fit_outline_plane(points, "box.stl"))
 
 
@@ -60,7 +60,7 @@ def test_a_long_box_seen_askew_from_nearby_has_no_plane():
     long = BOX * (1.0, 1.0, 4.0)
     askew = matrix_from_xyz_rpy((0.03, 0.03, 0.34), (np.pi - 0.3, 0.1, 0.0))
     points = long @ askew[:3, :3].T + askew[:3, 3]
-    with pytest.raises(ModelError, match=r"visible outline of box.stl .*deviates by 16 %"):
+    with pytest.raises(TrackingModelError, match=r"visible outline of box.stl .*deviates by 16 %"):
         fit_outline_plane(points, "box.stl")
-    with pytest.raises(ModelError, match="behind the camera"):
+    with pytest.raises(TrackingModelError, match="behind the camera"):
         fit_rim(points - (0.0, 0.0, 0.35))

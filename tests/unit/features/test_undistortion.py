@@ -10,10 +10,10 @@ import pytest
 from feature_cases import L_SHAPE, View, rotation
 
 from aras_visual_servo_base.lenses import brown
-from aras_visual_servo_camera.errors import CalibrationError
+from aras_visual_servo_camera.detection_pipeline import DetectionPipeline, DetectionSettings
+from aras_visual_servo_camera.errors import InvalidIntrinsicsError
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.moments import Moments, exponents
-from aras_visual_servo_camera.pipeline import Pipeline, PipelineSettings
 from aras_visual_servo_camera.undistortion import CameraModel, PixelTables, subdivide
 
 messages = pytest.importorskip("sensor_msgs.msg")
@@ -106,7 +106,7 @@ def test_a_small_target_far_from_the_axis(centre: tuple[float, float]) -> None:
     """The blur that is taken out is that of the pixels there, several times a central one's."""
     outline = 0.09 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1.0]]) + centre
     exact = Moments.from_polygon(outline)
-    pipeline = Pipeline(PipelineSettings())
+    pipeline = DetectionPipeline(DetectionSettings())
     pipeline.set_camera(FISHEYE)
     moments = pipeline.measure(Image(through(FISHEYE, outline, 32), "mono8")).moments
     for i, j in ((2, 0), (0, 2)):
@@ -188,7 +188,7 @@ def through(camera: CameraModel, outline: np.ndarray, finer: int = 8) -> np.ndar
 def test_moments_through_a_lens_are_those_without(camera: CameraModel) -> None:
     view = View(L_SHAPE, rotation([0.1, -0.2, 0.5]), np.array([0.09, -0.06, 0.42]))
     exact = Moments.from_polygon(view.image)
-    pipeline = Pipeline(PipelineSettings())
+    pipeline = DetectionPipeline(DetectionSettings())
     pipeline.set_camera(camera)
     measured = pipeline.measure(Image(through(camera, view.image), "mono8"))
     assert measured.valid, measured.reason
@@ -220,7 +220,7 @@ def test_numbers_of_coefficients(model: str, counts: tuple[int, ...]) -> None:
         if count in counts:
             assert CameraModel.from_message(info(D=(0.01,) * count, distortion_model=model))
         else:
-            with pytest.raises(CalibrationError, match=f"D has {count} coefficients"):
+            with pytest.raises(InvalidIntrinsicsError, match=f"D has {count} coefficients"):
                 CameraModel.from_message(info(D=(0.01,) * count, distortion_model=model))
 
 
@@ -228,7 +228,7 @@ def test_the_smallest_camera_has_one_pixel() -> None:
     one = CameraModel(1, 1, (0.5, 0, 0, 0, 0.5, 0, 0, 0, 1), (0.0,) * 4, "equidistant")
     assert one.tables.area.shape == (1, 1)
     for size in ((0, 1), (1, 0)):
-        with pytest.raises(CalibrationError, match="is empty"):
+        with pytest.raises(InvalidIntrinsicsError, match="is empty"):
             CameraModel(*size, K)
 
 
@@ -244,7 +244,7 @@ def test_the_smallest_camera_has_one_pixel() -> None:
     ],
 )
 def test_unusable_camera_info_is_refused(changes, text: str) -> None:
-    with pytest.raises(CalibrationError, match=text):
+    with pytest.raises(InvalidIntrinsicsError, match=text):
         CameraModel.from_message(info(**changes))
 
 

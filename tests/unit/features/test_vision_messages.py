@@ -9,6 +9,11 @@ pytest.importorskip("aras_visual_servo_camera.msg")
 
 from std_msgs.msg import Header  # noqa: E402
 
+from aras_visual_servo_camera.detection_pipeline import (  # noqa: E402
+    DetectionPipeline,
+    DetectionSettings,
+    TargetDetection,
+)
 from aras_visual_servo_camera.errors import MomentsError, VisionError  # noqa: E402
 from aras_visual_servo_camera.images import Image  # noqa: E402
 from aras_visual_servo_camera.messages import (  # noqa: E402
@@ -18,7 +23,6 @@ from aras_visual_servo_camera.messages import (  # noqa: E402
     read_moments_message,
     read_outline_message,
 )
-from aras_visual_servo_camera.pipeline import Pipeline, PipelineSettings, TargetDetection  # noqa: E402
 from aras_visual_servo_camera.undistortion import CameraModel  # noqa: E402
 from aras_visual_servo_controller.ros.goal_topics import make_outline_message  # noqa: E402
 
@@ -29,7 +33,7 @@ HEADER = Header(seq=3, frame_id="camera")
 def measured(column: int = 20, camera: CameraModel | None = CAMERA) -> TargetDetection:
     grey = np.full((60, 80), 255, np.uint8)
     grey[10:30, column : column + 10] = 0
-    pipeline = Pipeline(PipelineSettings(weighting="binary"))
+    pipeline = DetectionPipeline(DetectionSettings(weighting="binary"))
     if camera:
         pipeline.set_camera(camera)
     return pipeline.measure(Image(grey, "mono8"))

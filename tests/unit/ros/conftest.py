@@ -535,7 +535,7 @@ def hear_with(graph: Graph, shipped_arm: object) -> Callable[..., object]:
     from aras_visual_servo_controller.observation.camera_rig import CameraRig
     from aras_visual_servo_controller.ros.ros_publisher import RosPublisher
     from aras_visual_servo_controller.runner.loop_runner import LoopRunner
-    from aras_visual_servo_controller.settings import Settings
+    from aras_visual_servo_controller.settings import ControllerSettings
 
     class HearingRunner(LoopRunner):
         """Loop that stores its inputs, and the observations of images, without processing them."""
@@ -560,7 +560,7 @@ def hear_with(graph: Graph, shipped_arm: object) -> Callable[..., object]:
             self.stops.append(pressed)
 
     def make(*observers: object) -> HearingRunner:
-        settings = Settings.from_mapping({}, SOURCES / "aras_visual_servo_controller")
+        settings = ControllerSettings.from_mapping({}, SOURCES / "aras_visual_servo_controller")
         publisher = RosPublisher(settings, shipped_arm.names, shipped_arm.camera_frame)
         return HearingRunner(settings.make_servo(shipped_arm), CameraRig(observers), settings,
                              publisher, lambda: 0.0)

@@ -15,7 +15,7 @@ from aras_visual_servo_controller.kinematics.task import Task
 from aras_visual_servo_controller.records.outcomes import ArrivalStatus, PoseUncertainty
 from aras_visual_servo_controller.records.state import ServoState
 from aras_visual_servo_controller.schemes.base import SchemeOutput
-from aras_visual_servo_controller.settings import Settings
+from aras_visual_servo_controller.settings import ControllerSettings
 
 JOINTS = ("slide", "elbow")
 ARM = """<robot name="two"><link name="base"/><link name="cart"/><link name="hand"/>
@@ -28,8 +28,9 @@ ARM = """<robot name="two"><link name="base"/><link name="cart"/><link name="han
   <limit lower="-1.5" upper="2" effort="5" velocity="1.9"/></joint>
 <joint name="eye" type="fixed"><parent link="hand"/><child link="camera_optical_frame"/>
   <origin xyz="0.05 0 0" rpy="-1.9 0.1 -1.3"/></joint></robot>"""
-SETTINGS = Settings(namespace="/two", camera_namespace="/eye/camera", command_topic="both",
-                    scheme="points")  # fmt: skip
+SETTINGS = ControllerSettings(
+    namespace="/two", camera_namespace="/eye/camera", command_topic="both", scheme="points"
+)
 K = (510.0, 0.0, 33.0, 0.0, 433.0, 21.0, 0.0, 0.0, 1.0)
 NAMES = ("x0", "y0", "Z")
 

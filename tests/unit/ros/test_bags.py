@@ -26,7 +26,7 @@ from aras_visual_servo_bench.ros import bag as bags
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.records.state import ServoState
 from aras_visual_servo_controller.schemes.base import SchemeOutput
-from aras_visual_servo_controller.settings import Settings
+from aras_visual_servo_controller.settings import ControllerSettings
 
 STAMPS = 1.537 + np.arange(9) * 0.0341
 TRANSFORMED = np.arange(STAMPS[0] - 0.05, STAMPS[-1] + 0.02, 0.0171)
@@ -376,7 +376,7 @@ def heard(graph, face, scheme="points", count=3) -> GraphRecording:
 ])  # fmt: skip
 def test_features_have_the_units_and_tolerances_of_their_scheme(graph, face, scheme, at_any_depth):
     """Tolerances of lengths are parts of the goal's depth, which these messages do not tell."""
-    made = Settings(scheme=scheme).make_scheme()
+    made = ControllerSettings(scheme=scheme).make_scheme()
     for count in (len(made.units), len(made.units) + 1):
         run = message_run_builder.MessageRunBuilder(heard(graph, face, scheme, count)).build_run(
             "name"

@@ -30,8 +30,8 @@ from sensor_msgs.srv import SetCameraInfo
 from std_msgs.msg import Empty, String
 from tf2_msgs.msg import TFMessage
 
-from aras_sim_bridge.camera import CameraConfig, SensorFrame
-from aras_sim_bridge.description import DepthTopics, parse_urdf
+from aras_sim_bridge.camera import CameraConfig, CameraReading
+from aras_sim_bridge.description import DepthDescription, parse_urdf
 from aras_sim_bridge.errors import CameraError
 from aras_sim_bridge.ros.camera import frame_broadcaster, settings
 from aras_sim_bridge.ros.camera.compressed import (
@@ -213,8 +213,8 @@ def test_a_cloud_is_its_depths_along_the_pixels_rays_in_their_colours(graph, row
     image = random.integers(0, 255, (3, 5, 3), np.uint8)
     if hole:
         depth[1, 2] = np.inf
-    topic = PointsTopic("/points", rays, DepthTopics(rows=rows, farthest=9.0), lambda: None)
-    frame = SensorFrame(5, image, encoding, depth=depth)
+    topic = PointsTopic("/points", rays, DepthDescription(rows=rows, farthest=9.0), lambda: None)
+    frame = CameraReading(5, image, encoding, depth=depth)
     topic.send(Time(3, 4), "lens", frame)  # nobody listens
     (listener,) = graph.listen("/points")
     topic.send(Time(3, 4), "lens", frame)
@@ -505,7 +505,7 @@ def test_of_pictures_that_wait_for_the_encoder_the_newest_stay():
 def test_the_encoder_ends_with_its_topic(graph):
     topic = CompressedTopic("/c/image", None)
     graph.publishers["/c/image/compressed"].unregister()  # as rospy does at the end
-    topic.publish(Time(1, 2), "lens", SensorFrame(0, RED, "rgb8"))
+    topic.publish(Time(1, 2), "lens", CameraReading(0, RED, "rgb8"))
     until(lambda: all("compress /c" not in thread.name for thread in enumerate_threads()))
 
 
@@ -524,7 +524,7 @@ def test_a_compressed_topic_reads_its_parameters_and_sends(graph):
     topic = CompressedTopic("/c/image", None)
     assert "jpeg_quality is invalid: [1]; using the default 80" in graph.lines[-1]
     assert (served(graph)["png_level"], served(graph)["format"]) == (3, "png")
-    topic.publish(Time(1, 2), "lens", SensorFrame(0, RED, "rgb8"))
+    topic.publish(Time(1, 2), "lens", CameraReading(0, RED, "rgb8"))
     sent = graph.publishers["/c/image/compressed"].sent
     until(lambda: sent)
     (message,) = sent
@@ -540,7 +540,7 @@ def test_a_compressed_topic_reads_its_parameters_and_sends(graph):
                                bools=[BoolParameter("jpeg_optimize", True)],
                                ints=[IntParameter("jpeg_quality", 500)]))
     assert served(graph)["jpeg_quality"] == 100
-    topic.publish(Time(1, 3), "lens", SensorFrame(0, np.zeros((0, 0)), "rgb8"))
+    topic.publish(Time(1, 3), "lens", CameraReading(0, np.zeros((0, 0)), "rgb8"))
     until(lambda: "image/compressed: " in graph.lines[-1])
     assert graph.periods == [5.0] and CompressedTopic.BACKLOG == 4
     topic.unregister()
@@ -559,7 +559,7 @@ def test_a_compressed_topic_does_not_go_while_it_sends(graph):
         seen.append(publisher.impl)
 
     publisher.publish = publish
-    topic.publish(Time(1, 2), "lens", SensorFrame(0, RED, "rgb8"))
+    topic.publish(Time(1, 2), "lens", CameraReading(0, RED, "rgb8"))
     assert begun.wait(30.0)
     leaving = Thread(target=topic.unregister)
     leaving.start()

@@ -22,10 +22,10 @@ from run_messages import ARM
 from std_srvs.srv import Empty, Trigger
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
-from aras_visual_servo_bench.drawing.run_trace import RunTrace
 from aras_visual_servo_bench.errors import RefusedError
 from aras_visual_servo_bench.ros import page_commands as page
 from aras_visual_servo_bench.ros.graph_listener import GraphListener, make_listener_settings
+from aras_visual_servo_bench.visualization.run_trace import RunTrace
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.kinematics import Arm
 

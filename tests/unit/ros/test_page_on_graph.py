@@ -20,13 +20,13 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
-from aras_visual_servo_bench.drawing.run_trace import RunTrace
-from aras_visual_servo_bench.drawing.shapes import ARROW, FACES, LINES, STRIP, TEXT, Shape
 from aras_visual_servo_bench.errors import RefusedError
 from aras_visual_servo_bench.ros import dashboard, markers, target_watch, teleoperator
 from aras_visual_servo_bench.ros.graph_listener import GraphListener, make_listener_settings
 from aras_visual_servo_bench.ros.image_subscriber import OVERLAY_NOTE, PLAIN_NOTE, ImageSubscriber
 from aras_visual_servo_bench.ros.target_pose_reader import TargetPoseReader, has_moved
+from aras_visual_servo_bench.visualization.run_trace import RunTrace
+from aras_visual_servo_bench.visualization.shapes import ARROW, FACES, LINES, STRIP, TEXT, Shape
 from aras_visual_servo_bench.web.live.requests import Request
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError
 from aras_visual_servo_controller.kinematics import Arm

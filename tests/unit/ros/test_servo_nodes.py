@@ -21,7 +21,7 @@ from aras_visual_servo_camera import node as camera_module
 from aras_visual_servo_camera.errors import ImageError
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.parameters import VisionParameters
-from aras_visual_servo_camera.segmentation import Segmentation
+from aras_visual_servo_camera.segmentation import SegmentationSettings
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
@@ -36,11 +36,11 @@ from aras_visual_servo_controller.ros import (
     node,
     node_settings,
 )
-from aras_visual_servo_controller.ros.commands import stop_controller
+from aras_visual_servo_controller.ros.command_publishers import stop_controller
 from aras_visual_servo_controller.ros.depth_image import read_depth
 from aras_visual_servo_controller.ros.image_input import ImageInput
 from aras_visual_servo_controller.ros.measurement_input import MeasurementInput
-from aras_visual_servo_controller.settings import Settings
+from aras_visual_servo_controller.settings import ControllerSettings
 
 SOURCES = Path(__file__).parents[3] / "src"
 STAMP = rospy.Time(3, 250_000_000)
@@ -170,7 +170,7 @@ def test_pictures_reach_the_loop_with_their_depth(graph, hear_with):
 
 
 def test_pictures_without_depth_and_with_labels(graph, hear_with):
-    segmentation = Segmentation(method="label", label="box")
+    segmentation = SegmentationSettings(method="label", label="box")
     for needs, count in (({Need.IMAGE}, 2), ({Need.CONTOUR}, 4)):
         eye = observer(*needs, segmentation=segmentation)
         driver = hear_with(eye)
@@ -209,7 +209,7 @@ def test_depth_images_of_either_kind_and_order():
 def test_joints_images_and_the_emergency_stop_are_heard(graph, hear_with, lockstep):
     driver = hear_with(observer(Need.MOMENTS, name="a"), observer(Need.CONTOUR, name="b"))
     cameras = {"a": {"features": "/fa"}, "b": {"namespace": "/nb"}}
-    settings = Settings.from_mapping(
+    settings = ControllerSettings.from_mapping(
         {"namespace": "/two/", "cameras": cameras, "lockstep": lockstep})
     heard = inputs.Inputs(settings, driver, "/stop")
     assert set(graph.subscribers) == {"/two/joint_states", "/fa/moments", "/nb/camera_info",
@@ -299,7 +299,9 @@ def test_a_goal_is_announced(graph):
     assert {t: (told[1:]) for t, told in graph.told().items()} == {
         "/two/controller/goal": (1, True), "/two/controller/desired_outline": (1, True)}
     arm = Robot(RobotSpec()).make_arm()
-    servo = Settings.from_mapping({}, SOURCES / "aras_visual_servo_controller").make_servo(arm)
+    servo = ControllerSettings.from_mapping(
+        {}, SOURCES / "aras_visual_servo_controller"
+    ).make_servo(arm)
     topics.publish(servo)
     told, = graph.publishers["/two/controller/goal"].sent
     assert told.header.frame_id == arm.base_frame and not graph.lines

@@ -15,8 +15,8 @@ from sensor_msgs.msg import CameraInfo
 
 from aras_visual_servo_bench.ros.graph_listener import GraphListener
 from aras_visual_servo_controller.records.outcomes import ArrivalStatus
-from aras_visual_servo_controller.records.state import Command, ServoState
-from aras_visual_servo_controller.settings import Settings
+from aras_visual_servo_controller.records.state import JointCommand, ServoState
+from aras_visual_servo_controller.settings import ControllerSettings
 
 
 def test_every_part_of_a_state_comes_back_from_its_two_messages(graph, face):
@@ -123,7 +123,7 @@ def test_states_are_logged_when_they_are_new(graph, face, monkeypatch):
 
 
 def test_commands_reach_their_controllers_in_their_order(graph, face, monkeypatch):
-    from aras_visual_servo_controller.ros.commands import CommandTopics, publish
+    from aras_visual_servo_controller.ros.command_publishers import CommandPublishers, publish
 
     now = [100.0]
     monkeypatch.setattr("time.monotonic", lambda: now[0])
@@ -131,8 +131,8 @@ def test_commands_reach_their_controllers_in_their_order(graph, face, monkeypatc
     group.resolved_name = "/two/both"
     assert group.options == {"queue_size": 10}
     for _ in range(4):
-        face.send(Command(1.0, JOINTS, np.array([0.1, 0.2])))
-        face.send(Command(1.0, JOINTS))
+        face.send(JointCommand(1.0, JOINTS, np.array([0.1, 0.2])))
+        face.send(JointCommand(1.0, JOINTS))
         now[0] += 3.0
     assert [list(one.data) for one in group.sent] == [[0.1, 0.2]] * 4
     assert graph.lines == [
@@ -143,13 +143,13 @@ def test_commands_reach_their_controllers_in_their_order(graph, face, monkeypatc
     kind = "position_controllers/Joint{}Controller"
     graph.parameters |= {"/two/all/type": kind.format("GroupPosition"),
                          "/two/all/joints": ["elbow", "slide"]}
-    settings = Settings(namespace="/two")
-    CommandTopics(settings, JOINTS, "position").send(np.array([0.1, 0.2]), "slide")
+    settings = ControllerSettings(namespace="/two")
+    CommandPublishers(settings, JOINTS, "position").send(np.array([0.1, 0.2]), "slide")
     assert graph.publishers["/two/all/command"].options == {"queue_size": 10}
     assert [list(one.data) for one in graph.publishers["/two/all/command"].sent] == [[0.2, 0.1]]
     graph.parameters |= {"/two/s/type": kind.format("Position"), "/two/s/joint": "slide"}
     graph.parameters.pop("/two/all/type")
-    topics = CommandTopics(settings, JOINTS, "position")
+    topics = CommandPublishers(settings, JOINTS, "position")
     each = [graph.publishers[f"/two/{name}/command"] for name in ("s", "elbow_position_controller")]
     assert {one.options["queue_size"] for one in each} == {10}
     topics.send(np.array([0.3, 0.4]))
@@ -172,7 +172,9 @@ def test_a_recorder_is_waited_for_in_vain_no_longer_than_it_takes(graph, monkeyp
     now = [100.0]
     monkeypatch.setattr("time.monotonic", lambda: now[0])
     monkeypatch.setattr("time.sleep", lambda seconds: now.__setitem__(0, now[0] + seconds))
-    two = RosPublisher(Settings(namespace="/two", command_topic="both", listeners=2), JOINTS, "eye")
+    two = RosPublisher(
+        ControllerSettings(namespace="/two", command_topic="both", listeners=2), JOINTS, "eye"
+    )
     two.state_publisher.impl.connections = [None]
     two.wait_for_listeners()
     assert 105.0 < now[0] < 105.1 and "has 1 of 2 subscribers after 5 s" in graph.lines[0]

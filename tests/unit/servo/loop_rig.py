@@ -13,7 +13,7 @@ from aras_visual_servo_base.poses import exponential, pose_difference
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.kinematics import Arm, DifferentialIK, Limits, PostureTask
+from aras_visual_servo_controller.kinematics import Arm, CommandLimits, DifferentialIK, PostureTask
 from aras_visual_servo_controller.kinematics.elbow import find_elbows
 from aras_visual_servo_controller.kinematics.ik_solution import IKSolution
 from aras_visual_servo_controller.kinematics.joint_sample import JointSample
@@ -22,7 +22,7 @@ from aras_visual_servo_controller.laws import Law, Proportional
 from aras_visual_servo_controller.loop.servo import Servo
 from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
 from aras_visual_servo_controller.observation.observation import Observation
-from aras_visual_servo_controller.records.state import Command, ServoSettings, ServoState
+from aras_visual_servo_controller.records.state import JointCommand, ServoSettings, ServoState
 from aras_visual_servo_controller.schemes import JointController, Scheme, create_scheme
 from aras_visual_servo_controller.schemes.base import SchemeOutput
 
@@ -49,8 +49,8 @@ def the_goal(year: str) -> Goal:
     return Goal.load(CONFIG / f"goal_{year}.yaml").for_arm(the_arm())
 
 
-def the_limits(**given) -> Limits:
-    return Limits.for_arm(the_arm(), **{"velocity": (1.0, 2.0, 2.0, 2.0, 2.0, 2.0), **given})
+def the_limits(**given) -> CommandLimits:
+    return CommandLimits.for_arm(the_arm(), **{"velocity": (1.0, 2.0, 2.0, 2.0, 2.0, 2.0), **given})
 
 
 def the_servo(
@@ -58,7 +58,7 @@ def the_servo(
     scheme: str | Scheme | JointController = "moments",
     law: Law | None = None,
     goal: Goal | None = None,
-    limits: Limits | None = None,
+    limits: CommandLimits | None = None,
     clock: Callable[[], float] | None = None,
     options: dict | None = None,
     ik: type[DifferentialIK] = DifferentialIK,
@@ -101,7 +101,7 @@ class Rig:
     believe: Callable[[float, np.ndarray], np.ndarray] = lambda t, q: q
     image_period: float = IMAGE_PERIOD
     states: list[ServoState] = field(default_factory=list)
-    commands: list[Command] = field(default_factory=list)
+    commands: list[JointCommand] = field(default_factory=list)
     joints: list[np.ndarray] = field(default_factory=list)
 
     def __post_init__(self) -> None:

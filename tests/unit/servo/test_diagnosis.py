@@ -23,7 +23,7 @@ from test_target_check import STEADY, watched
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_controller.diagnosis.base import DIAGNOSES, ORDER, RunDiagnosis
+from aras_visual_servo_controller.diagnosis.base import DIAGNOSES, ORDER, DiagnosisRule
 from aras_visual_servo_controller.diagnosis.camera_check import CameraCheck
 from aras_visual_servo_controller.diagnosis.diagnoses.contradictions import is_goal_camera
 from aras_visual_servo_controller.diagnosis.diagnoses.target_moves import split_by_camera
@@ -596,7 +596,7 @@ def test_the_order_has_every_diagnosis_once_and_each_says_what_it_finds():
 def test_a_diagnosis_of_ones_own_is_asked_at_its_place():
     asked = []
 
-    class Bored(RunDiagnosis):
+    class Bored(DiagnosisRule):
         """Says that the target moves at every image from 0.1 s on."""
 
         def judge(self, record, evidence):
@@ -615,7 +615,7 @@ def test_a_diagnosis_of_ones_own_is_asked_at_its_place():
 
 
 def test_an_outcome_of_ones_own_has_to_last_a_second_too():
-    class Close(RunDiagnosis):
+    class Close(DiagnosisRule):
         """Reports that the camera is too close from 2 s on, and before it a moving target."""
 
         def judge(self, record, evidence):

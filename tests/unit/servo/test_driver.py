@@ -20,7 +20,7 @@ from aras_visual_servo_controller.observation.joint_history import MAX_AGE, Join
 from aras_visual_servo_controller.records.outcomes import REMEDIES
 from aras_visual_servo_controller.records.state import Source
 from aras_visual_servo_controller.runner.loop_runner import LoopRunner
-from aras_visual_servo_controller.settings import Settings
+from aras_visual_servo_controller.settings import ControllerSettings
 
 SOURCES = Path(__file__).parents[3] / "src"
 PACKAGE = SOURCES / "aras_visual_servo_controller"
@@ -34,7 +34,9 @@ class Bench:
 
     def __init__(self, **given):
         given = {"start": "none", **given}
-        settings = Settings.from_mapping(given, PACKAGE).for_robot("aras_visual_servo", given)
+        settings = ControllerSettings.from_mapping(given, PACKAGE).for_robot(
+            "aras_visual_servo", given
+        )
         self.arm = settings.make_arm(URDF)
         self.servo = settings.make_servo(self.arm)
         self.goal = Goal.load(PACKAGE / "config" / "goal_2016.yaml")

@@ -9,9 +9,9 @@ from loop_rig import CAMERA, STARTS, TICK, Rig, the_limits, the_servo
 
 from aras_visual_servo_controller.errors import (
     ConfigurationError,
+    InvalidTaskError,
     MeasurementError,
     SchemeError,
-    TaskError,
 )
 from aras_visual_servo_controller.features import Feature, FeatureMeasurement
 from aras_visual_servo_controller.kinematics.joint_sample import JointSample
@@ -26,8 +26,8 @@ from aras_visual_servo_controller.schemes import (
     SchemeOutput,
     create_scheme,
 )
-from aras_visual_servo_controller.schemes.compute import compute
 from aras_visual_servo_controller.schemes.output_checks import check_goal, check_joint_output
+from aras_visual_servo_controller.schemes.scheme_call import compute
 from aras_visual_servo_controller.schemes.time_limit import call_user_code
 
 GOOD_FROM, GOOD_TO = 0.1, 0.4  # s between which the scheme goes wrong
@@ -468,16 +468,16 @@ def test_tasks_are_checked():
         ([["a"] * 6], [1.0], "not an array"),
         (np.full((1, 6), np.inf), [1.0], "not finite"),
     ):
-        with pytest.raises(TaskError, match=words.replace("(", r"\(").replace(")", r"\)")):
+        with pytest.raises(InvalidTaskError, match=words.replace("(", r"\(").replace(")", r"\)")):
             Task.from_interaction(L, rate)
-    with pytest.raises(TaskError, match=r"a twist must have the shape \(6,\), got \(5,\)"):
+    with pytest.raises(InvalidTaskError, match=r"a twist must have the shape \(6,\), got \(5,\)"):
         Task.from_twist(np.zeros(5))
-    with pytest.raises(TaskError, match=r"modelled must have the shape \(6,\), got \(5,\)"):
+    with pytest.raises(InvalidTaskError, match=r"modelled must have the shape \(6,\), got \(5,\)"):
         Task.from_twist(np.zeros(6), np.ones(5, bool))
     task = Task.from_twist(np.ones(6))
     for array in (task.L, task.desired_rate, task.modelled):
         assert not array.flags.writeable
-    with pytest.raises(TaskError, match="weights"):
+    with pytest.raises(InvalidTaskError, match="weights"):
         Task.from_interaction(np.ones((2, 6)), np.ones(2), weights=[1.0, -1.0])
 
 

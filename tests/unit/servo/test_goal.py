@@ -10,7 +10,7 @@ from loop_rig import CAMERA, CONFIG, URDF, the_arm, the_goal
 from scipy.spatial.transform import Rotation
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy, pose_difference
-from aras_visual_servo_camera.errors import ModelError
+from aras_visual_servo_camera.errors import TrackingModelError
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.kernel import compute_outline_kernel_features
 from aras_visual_servo_camera.moments import Moments, Pinhole
@@ -131,7 +131,7 @@ def test_teaching_what_is_not_seen_or_at_no_depth():
 
     class Own(Points):
         def teach(self, observation):
-            raise ModelError("no plane fits the outline")
+            raise TrackingModelError("no plane fits the outline")
 
     with pytest.raises(ConfigurationError, match=r"^mine: no plane fits the outline$"):
         Goal.teach(Own(), seen, "mine", depth=0.2)

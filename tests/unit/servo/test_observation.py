@@ -12,7 +12,7 @@ from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.line_fits import compute_rms_deviation
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_camera.segmentation import Segmentation
+from aras_visual_servo_camera.segmentation import SegmentationSettings
 from aras_visual_servo_camera.trackers import TrackedPoints, Tracker
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import MeasurementError
@@ -120,7 +120,7 @@ def test_a_picture_of_another_size_than_the_camera():
 
 
 def test_a_picture_that_cannot_be_segmented_as_asked_says_why():
-    by_colour = Segmentation(method="nearest_colour", near_colour=(200, 30, 40))
+    by_colour = SegmentationSettings(method="nearest_colour", near_colour=(200, 30, 40))
     seen = FeatureObserver(None, segmentation=by_colour).observe_image(
         0.0, picture(outline()), CAMERA
     )

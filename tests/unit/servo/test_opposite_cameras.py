@@ -20,7 +20,7 @@ from aras_visual_servo_controller.observation.camera_rig import (
 )
 from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
 from aras_visual_servo_controller.observation.observation import Need
-from aras_visual_servo_controller.settings import Settings
+from aras_visual_servo_controller.settings import ControllerSettings
 
 # A slide, two unlike turns, and frames that lean: the wall camera stands, the palm's is in the
 # hand, and the plate is on the hand beside it.
@@ -147,7 +147,7 @@ def settings(first="palm", **second):
     cameras = {"palm": {"namespace": "/palm"}, "wall": {"target_frame": "plate"}}
     order = [first, *(name for name in cameras if name != first)]
     cameras["wall"] |= second
-    return Settings.from_mapping({
+    return ControllerSettings.from_mapping({
         "scheme": "points@palm+points@wall", "cameras": {name: cameras[name] for name in order},
     })  # fmt: skip
 
@@ -166,7 +166,7 @@ def test_a_nodes_cameras_say_which_link_carries_what_they_look_at(first):
 def test_a_camera_without_a_link_of_its_own_has_that_of_all():
     assert settings().get_camera("palm").target_frame == ""
     assert settings().get_camera("wall").target_frame == "plate"
-    one = Settings.from_mapping({"scheme": "points", "target_frame": "plate"})
+    one = ControllerSettings.from_mapping({"scheme": "points", "target_frame": "plate"})
     assert one.get_camera("camera").target_frame == "plate"
 
 

@@ -22,7 +22,7 @@ from aras_visual_servo_controller.kinematics import (
 )
 from aras_visual_servo_controller.observation.observation import Need
 from aras_visual_servo_controller.records.state import ServoSettings
-from aras_visual_servo_controller.settings import Settings
+from aras_visual_servo_controller.settings import ControllerSettings
 
 SOURCES = Path(__file__).parents[3] / "src"
 PACKAGE = SOURCES / "aras_visual_servo_controller"
@@ -30,12 +30,12 @@ URDF = (SOURCES / "aras_visual_servo_gazebo/robots/aras_visual_servo.urdf").read
 
 
 def of(**given):
-    return Settings.from_mapping(given, PACKAGE)
+    return ControllerSettings.from_mapping(given, PACKAGE)
 
 
 @pytest.fixture(scope="module")
 def arm():
-    return Settings(package=PACKAGE).make_arm(URDF)
+    return ControllerSettings(package=PACKAGE).make_arm(URDF)
 
 
 def test_the_laboratory_s_robot_brings_its_own_parameters(arm):
@@ -116,7 +116,7 @@ MOST = {"smoothing": 10.0, "hold_gain": 1000.0, "posture_gain": 1000.0, "approac
 
 
 def test_every_number_has_its_bound_and_takes_what_lies_at_it():
-    numbers = {f.name for f in fields(Settings) if isinstance(f.default, float)}
+    numbers = {f.name for f in fields(ControllerSettings) if isinstance(f.default, float)}
     by_others = {"lead", "stiffness", "damping"}  # the loop refuses them
     assert numbers - by_others == ABOVE_0 | set(LEAST)
     for name in ABOVE_0:
@@ -292,8 +292,10 @@ def test_a_user_s_own_law_takes_the_gain_that_is_given(tmp_path, monkeypatch):
 
 
 def test_defaults_of_the_loop_are_those_of_its_parameters():
-    plain, loop = Settings(), ServoSettings()
-    shared = {field.name for field in fields(Settings)} & {f.name for f in fields(ServoSettings)}
+    plain, loop = ControllerSettings(), ServoSettings()
+    shared = {field.name for field in fields(ControllerSettings)} & {
+        f.name for f in fields(ServoSettings)
+    }
     assert shared >= {"hold", "lead", "watchdog", "output", "start", "duration"}
     same = shared - {"start", "duration"}  # of a run without end one says 0, the other inf
     assert all(getattr(plain, name) == getattr(loop, name) for name in same)
@@ -303,7 +305,7 @@ def test_options_of_the_scheme_and_of_the_law_are_handed_on(arm):
     scheme = of(interaction="mean", smoothing=0.25, law="adaptive").make_scheme()
     assert (scheme.interaction, scheme.smoothing, scheme.law.zero) == ("mean", 0.25, 5.0)
     with pytest.raises(ConfigurationError, match="~law_options: 1 is not a parameter of a law$"):
-        Settings(law_options={1: 2.0}).make_law()
+        ControllerSettings(law_options={1: 2.0}).make_law()
 
 
 def test_options_of_the_tracker_are_passed_to_it(tmp_path, monkeypatch):

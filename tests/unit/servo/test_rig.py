@@ -26,7 +26,7 @@ from aras_visual_servo_controller.observation.camera_rig import CameraRig, Fixed
 from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
 from aras_visual_servo_controller.observation.observation import Need
 from aras_visual_servo_controller.schemes import FeatureScheme, create_scheme
-from aras_visual_servo_controller.settings import Settings
+from aras_visual_servo_controller.settings import ControllerSettings
 
 SOURCES = Path(__file__).parents[3] / "src"
 # of the right camera in the left one
@@ -330,13 +330,13 @@ def test_a_camera_where_the_target_is_lost_is_named():
 
 
 def test_a_scheme_says_which_cameras_it_reads():
-    two = Settings(cameras={"left": {}, "right": {}})
+    two = ControllerSettings(cameras={"left": {}, "right": {}})
     for name, read in (
         ("points", ("left",)), ("points@right", ("right",)), ("partitioned@right", ("right",)),
         ("points+area@right", ("left", "right")), ("points@right+area@left", ("left", "right")),
     ):  # fmt: skip
         assert two.list_cameras(create_scheme(name)) == read
-    assert Settings().list_cameras(create_scheme("points")) == ("camera",)
+    assert ControllerSettings().list_cameras(create_scheme("points")) == ("camera",)
 
 
 @pytest.mark.parametrize(
@@ -351,7 +351,7 @@ def test_a_scheme_says_which_cameras_it_reads():
     ],
 )
 def test_wrong_names_are_refused(name, words):
-    settings = Settings(cameras={"left": {}, "right": {}})
+    settings = ControllerSettings(cameras={"left": {}, "right": {}})
     with pytest.raises(ConfigurationError, match=words):
         settings.list_cameras(create_scheme(name))
 
@@ -626,7 +626,7 @@ def test_a_goal_of_one_camera_tells_the_others_views_by_the_target_s_geometry():
 
 def test_an_arm_of_one_camera_is_known_without_its_scheme():
     urdf = SOURCES / "aras_visual_servo_gazebo/robots/aras_visual_servo.urdf"
-    arm = Settings(scheme="not_here:Theirs").make_arm(urdf.read_text())
+    arm = ControllerSettings(scheme="not_here:Theirs").make_arm(urdf.read_text())
     assert arm.camera_frame == "camera_optical_frame"
 
 
@@ -641,16 +641,20 @@ def test_an_arm_of_one_camera_is_known_without_its_scheme():
 )  # fmt: skip
 def test_cameras_of_a_node_are_checked(right, words):
     with pytest.raises(ConfigurationError) as told:
-        Settings.from_mapping({"cameras": {"left": {"namespace": "/left"}, "right": right}})
+        ControllerSettings.from_mapping(
+            {"cameras": {"left": {"namespace": "/left"}, "right": right}}
+        )
     assert words in str(told.value)
 
 
 def test_cameras_of_a_node_have_topics_of_their_names():
-    two = Settings.from_mapping({"cameras": {"left": {"namespace": "/a/b/"}, "right": {}}})
+    two = ControllerSettings.from_mapping(
+        {"cameras": {"left": {"namespace": "/a/b/"}, "right": {}}}
+    )
     left, right = two.get_camera("left"), two.get_camera("right")
     assert (left.frame, left.namespace) == ("left_optical_frame", "/a/b")
     assert right.namespace == "/right" and right.features == "/aras_visual_servo/camera/right"
-    one = Settings(camera_frame="eye", namespace="/arm").get_camera("camera")
+    one = ControllerSettings(camera_frame="eye", namespace="/arm").get_camera("camera")
     assert (one.frame, one.features) == ("eye", "/arm/camera")
 
 
@@ -670,7 +674,7 @@ def test_a_camera_elsewhere_on_the_arm_is_refused_and_one_that_stands_may_be_rea
 
     def of(scheme):
         cameras = {name: {} for name in ("left", "right", "wall")}
-        return Settings.from_mapping({"scheme": scheme, "cameras": cameras})
+        return ControllerSettings.from_mapping({"scheme": scheme, "cameras": cameras})
 
     both = of("points@left+points@right")
     with pytest.raises(ConfigurationError, match="camera 'right' is moved by j and the control"):

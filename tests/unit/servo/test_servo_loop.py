@@ -23,7 +23,7 @@ from loop_rig import (
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.features.moments import ImageMoments
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.kinematics import DifferentialIK, Limits
+from aras_visual_servo_controller.kinematics import CommandLimits, DifferentialIK
 from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 from aras_visual_servo_controller.kinematics.task import Task
 from aras_visual_servo_controller.laws.proportional import Proportional
@@ -38,7 +38,7 @@ from aras_visual_servo_controller.records.state import (
     SERVOING,
     STOPPED,
     WAITING,
-    Command,
+    JointCommand,
     ServoSettings,
     ServoState,
     Source,
@@ -442,8 +442,8 @@ def test_a_first_step_longer_than_the_lead_is_taken():
 
 def wide_limits(acceleration=(np.inf, np.inf)):
     """Limits of two joints that only their acceleration bounds."""
-    return Limits(("a", "b"), np.full(2, -9.0), np.full(2, 9.0), np.full(2, 9.0),
-                  np.array(acceleration))  # fmt: skip
+    return CommandLimits(("a", "b"), np.full(2, -9.0), np.full(2, 9.0), np.full(2, 9.0),
+                         np.array(acceleration))  # fmt: skip
 
 
 def test_what_is_waited_for_is_told_with_how_far_it_is_behind():
@@ -732,7 +732,7 @@ def test_a_state_that_was_read_back_tells_what_its_resolution_does():
     assert bare.desired_twist.tolist() == [0.0] * 6 and bare.names == () and bare.error is None
     assert (bare.outcome, bare.computation_time) == ("running", 0.0)
     assert not bare.has_processed_image
-    sent = Command(0.5, ("a",), np.ones(1))
+    sent = JointCommand(0.5, ("a",), np.ones(1))
     assert sent.positions is sent.values and (sent.reason, sent.phase) == ("", "")
 
 

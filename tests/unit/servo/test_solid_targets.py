@@ -19,7 +19,7 @@ from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.targets.geometry import PoseHistory
 from aras_visual_servo_bench.targets.target_factory import make_target
 from aras_visual_servo_controller.errors import ConfigurationError
-from aras_visual_servo_controller.settings import Settings
+from aras_visual_servo_controller.settings import ControllerSettings
 
 
 @pytest.fixture(scope="module")
@@ -85,12 +85,14 @@ def test_what_a_solid_cannot_be_is_said(meshes):
     with pytest.raises(ExperimentError, match="leave them out"):
         flying(meshes["box"]).with_changes(target={"shape": meshes["box"], "perturbed": True})
     with pytest.raises(ConfigurationError, match="set the parameter model to a file"):
-        Settings.from_mapping(
+        ControllerSettings.from_mapping(
             {"tracker": "model", "model_start": {"pose": [0] * 6}}).make_tracker()
     with pytest.raises(ConfigurationError, match="must define the start pose"):
-        Settings.from_mapping({"tracker": "model", "model": meshes["box"]}).make_tracker()
+        ControllerSettings.from_mapping({"tracker": "model", "model": meshes["box"]}).make_tracker()
     with pytest.raises(ConfigurationError, match="must define the start pose"):
-        Settings.from_mapping({"model": meshes["box"]}).make_tracker()  # it names the tracker
+        ControllerSettings.from_mapping(
+            {"model": meshes["box"]}
+        ).make_tracker()  # it names the tracker
 
 
 def test_a_target_that_is_gone_is_said_to_be_lost(meshes):

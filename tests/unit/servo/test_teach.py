@@ -13,14 +13,14 @@ from loop_rig import CAMERA, CONFIG, URDF, lost, the_arm, the_goal
 from aras_visual_servo_base.poses import inverse, matrix_from_xyz_rpy
 from aras_visual_servo_bench.targets.target_factory import make_target
 from aras_visual_servo_camera.contour import find_corners
-from aras_visual_servo_camera.errors import ModelError
+from aras_visual_servo_camera.errors import TrackingModelError
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.features import Feature
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.kinematics import Arm
 from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 from aras_visual_servo_controller.loop.teaching import (
-    Teacher,
+    ViewCollector,
     average_entries,
     complete_by_geometry,
     make_mean_goal,
@@ -30,7 +30,7 @@ from aras_visual_servo_controller.observation.feature_observer import FeatureObs
 from aras_visual_servo_controller.records.state import ServoSettings
 from aras_visual_servo_controller.ros.teach_goal import main, make_goal_from_geometry
 from aras_visual_servo_controller.schemes import create_scheme
-from aras_visual_servo_controller.settings import Settings
+from aras_visual_servo_controller.settings import ControllerSettings
 
 
 def view_at(observer, stamp, joints):
@@ -43,7 +43,9 @@ def test_the_pose_is_driven_to_and_what_was_seen_is_stored():
     arm, scheme = Arm.from_urdf(fast), create_scheme("moments+points")
     wanted = the_goal("2016").get_joints(arm.names)
     sent, q = [], np.zeros(6)
-    teacher = Teacher(arm, CameraRig([FeatureObserver(arm, scheme.needs)]), wanted, sent.append)
+    teacher = ViewCollector(
+        arm, CameraRig([FeatureObserver(arm, scheme.needs)]), wanted, sent.append
+    )
     sag = np.array([0.0, 0.0, 0.002, -0.003, 0.0, 0.004])  # where the joints really come to rest
     for i in range(600):
         t = 20.0 + 0.01 * i
@@ -70,7 +72,7 @@ def test_the_pose_is_driven_to_and_what_was_seen_is_stored():
 def test_at_the_pose_without_images_it_is_images_that_are_missed():
     arm, sent, reasons = the_arm(), [], []
     wanted = the_goal("2016").get_joints(arm.names)
-    teacher = Teacher(arm, CameraRig([FeatureObserver(arm)]), wanted, sent.append)
+    teacher = ViewCollector(arm, CameraRig([FeatureObserver(arm)]), wanted, sent.append)
     for i in range(600):
         teacher.add_joint_state(arm.names, sent[-1] if sent else np.zeros(6), np.zeros(6), 0.01 * i)
         reasons.append(teacher.reason)
@@ -81,7 +83,7 @@ def test_at_the_pose_without_images_it_is_images_that_are_missed():
 def test_views_of_an_arm_that_was_moved_away_from_the_pose_do_not_count():
     arm, sent = the_arm(), []
     wanted = the_goal("2016").get_joints(arm.names)
-    teacher = Teacher(arm, CameraRig([FeatureObserver(arm)]), wanted, sent.append)
+    teacher = ViewCollector(arm, CameraRig([FeatureObserver(arm)]), wanted, sent.append)
 
     def step(t, q):
         teacher.add_joint_state(arm.names, q, np.zeros(6), t)
@@ -105,7 +107,7 @@ def test_a_joint_that_hangs_is_pushed_by_the_time_that_passed_and_rests_a_second
     """Not by how many joint states came: a gap counts as 0.1 s, a way back as none."""
     arm, sent = the_arm(), []
     wanted = the_goal("2016").get_joints(arm.names)
-    teacher = Teacher(arm, CameraRig([FeatureObserver(arm)]), wanted, sent.append)
+    teacher = ViewCollector(arm, CameraRig([FeatureObserver(arm)]), wanted, sent.append)
     hangs = wanted - [0.0, 0.0, 0.02, 0.0, 0.0, 0.03]
     for stamp in (5.0, 5.5, 5.51, 5.51, 5.4, 5.43, 9.0):
         teacher.add_joint_state(arm.names, hangs, np.zeros(6), stamp)
@@ -178,7 +180,7 @@ def test_views_are_averaged():
 
 def test_bad_views_and_bad_joints_are_not_kept():
     arm = the_arm()
-    teacher = Teacher(arm, CameraRig([FeatureObserver(arm)]))
+    teacher = ViewCollector(arm, CameraRig([FeatureObserver(arm)]))
     teacher.add_image(0.0, lambda *_: pytest.fail("not there yet"))
     teacher.add_joint_state(arm.names[:3], [0.0] * 3, [], 0.0)
     assert "lack" in teacher.reason
@@ -195,11 +197,11 @@ def test_bad_views_and_bad_joints_are_not_kept():
     teacher.add_image(0.3, lambda joints, _: view_at(teacher.camera_rig.control, 0.3, joints))
     assert (len(teacher.views), teacher.refused_count) == (1, 0)
     sent = []
-    driven = Teacher(arm, teacher.camera_rig, np.full(6, 0.1), sent.append)
+    driven = ViewCollector(arm, teacher.camera_rig, np.full(6, 0.1), sent.append)
     for names, count in ((arm.names[:3], 0), (arm.names, 1), (arm.names[:3], 1), (arm.names, 2)):
         driven.add_joint_state(names, np.zeros(len(names)), [], 0.4)
         assert len(sent) == count
-    two = Teacher(
+    two = ViewCollector(
         arm, CameraRig([FeatureObserver(arm, name="left"), FeatureObserver(arm, name="right")])
     )
     two.add_joint_state(arm.names, np.zeros(6), [], 0.0)
@@ -293,11 +295,11 @@ def test_what_cannot_be_taught_is_one_line(arguments, words, tmp_path, capsys):
 
 def test_a_view_that_cannot_be_taught_is_refused_with_its_reason():
     arm = the_arm()
-    teacher = Teacher(arm, CameraRig([FeatureObserver(arm)]))
+    teacher = ViewCollector(arm, CameraRig([FeatureObserver(arm)]))
     teacher.add_joint_state(arm.names, np.zeros(6), np.zeros(6), 0.0)
 
     def look(joints, commands):
-        raise ModelError("the visible outline of it")
+        raise TrackingModelError("the visible outline of it")
 
     teacher.add_image(0.0, look)
     teacher.add_image(0.1, look)
@@ -311,7 +313,7 @@ def test_moments_of_a_model_are_taught_with_the_plane_of_its_outline():
     pose = arm.pose(q)
     place = [pose[0, 3], pose[1, 3], pose[2, 3] - 0.3, 0.0, 0.0, 0.2]  # below the camera
     given = {"scheme": "moments", "model": str(box.path), "model_start": {"pose": place}}
-    settings = Settings.from_mapping(given)
+    settings = ControllerSettings.from_mapping(given)
     scheme = settings.make_scheme()
     rig = settings.make_camera_rig({"camera": arm}, scheme)
     outline = box.outline(inverse(matrix_from_xyz_rpy(place[:3], place[3:])) @ pose)

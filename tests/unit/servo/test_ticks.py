@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from test_driver import Bench
 
-from aras_visual_servo_controller.records.state import Command
+from aras_visual_servo_controller.records.state import JointCommand
 from aras_visual_servo_controller.runner.compiled_updates import (
     NEEDS_PYTHON,
     NEW_COMMAND,
@@ -32,7 +32,7 @@ class Joined(Bench):
         self.ticks.apply_results([stamp], np.array([[q, v, command]]))
         self.answered += 1
         if became == NEW_COMMAND:
-            self.send(Command(stamp, names, command))
+            self.send(JointCommand(stamp, names, command))
 
 
 def jump(bench):

@@ -30,7 +30,7 @@ from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.goals.starts import find_start_joints
 from aras_visual_servo_controller.kinematics import Arm
-from aras_visual_servo_controller.settings import Settings
+from aras_visual_servo_controller.settings import ControllerSettings
 from aras_visual_servo_ros.parameters import InvalidParameterError
 
 URDF = Path(__file__).parents[3] / "src/aras_visual_servo_gazebo/robots/aras_visual_servo.urdf"
@@ -77,7 +77,7 @@ def robot(path: Path) -> float:
     folder.mkdir(parents=True, exist_ok=True)
     if not (folder / "r.yaml").exists():
         (folder / "r.yaml").symlink_to(path)
-    return Settings(package=path.parent).for_robot("r").gain
+    return ControllerSettings(package=path.parent).for_robot("r").gain
 
 
 def starts(path: Path) -> float:
@@ -112,8 +112,8 @@ KINDS = {
     "goal": Kind(lambda path: Goal.load(path).depth, ConfigurationError, "depth"),
     "starts": Kind(starts, ConfigurationError, "s.J6", text=f"s: {{{{{JOINTS}, {{}}}}}}",
                    bounded=False, strict=False),
-    "controller": Kind(lambda values: Settings.from_mapping(values).gain, ConfigurationError,
-                       "gain", "autostart", file=False),
+    "controller": Kind(lambda values: ControllerSettings.from_mapping(values).gain,
+                       ConfigurationError, "gain", "autostart", file=False),
     "camera node": Kind(lambda values: VisionParameters.from_mapping(values).threshold,
                         ParameterError, "threshold", "dark_target", file=False),
     "bridge": Kind(lambda values: BridgeParameters.from_mapping(values, "/gazebo").real_time_factor,
@@ -229,6 +229,8 @@ def test_words_of_a_command_line_are_read_like_files():
         parse_overrides([f"gain={DIGITS}"])
 
 
-@pytest.mark.parametrize("cls", [Experiment, Study, Settings, VisionParameters, BridgeParameters])
+@pytest.mark.parametrize(
+    "cls", [Experiment, Study, ControllerSettings, VisionParameters, BridgeParameters]
+)
 def test_the_defaults_are_values_that_may_be_given(cls):
     assert build(cls, list_defaults(cls), "", AssertionError) == cls()

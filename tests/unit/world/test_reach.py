@@ -7,8 +7,9 @@ import pytest
 from test_joint_dynamics import tree_xml
 
 from aras_sim_bridge.description import parse_urdf
-from aras_sim_bridge.world import Pose, World, reach
-from aras_sim_bridge.world.reach import Box, HalfSpace, compute_reach, find_solids
+from aras_sim_bridge.world import Pose, World
+from aras_sim_bridge.world import collision_filters as reach
+from aras_sim_bridge.world.collision_filters import Box, HalfSpace, compute_reach, find_solids
 
 HULL = 2e-3  # m: Bullet's margins around shapes
 ROOT = Pose.from_rpy((1.0, -2.0, 3.0), (0.4, -0.3, 2.0))

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from aras_sim_bridge import cycle
+from aras_sim_bridge import control_cycle
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.camera.config import derive_seed
 from aras_sim_bridge.camera.mounting import (
@@ -39,7 +39,7 @@ from aras_sim_bridge.errors import (
     WorldError,
 )
 from aras_sim_bridge.rendering import EXPOSURES, Lighting, create_renderer
-from aras_sim_bridge.sensors import KINDS, RateSensor
+from aras_sim_bridge.sensors import KINDS, PeriodicSensor
 from aras_sim_bridge.world import Model, Pose, World
 from aras_visual_servo_base.poses import IDENTITY
 
@@ -142,7 +142,7 @@ class CompiledController(Protocol):
     def run_cycles(self, *arguments: object) -> tuple[int, int, int]:
         """Run compiled control cycles.
 
-        Arguments and results are those of cycle.run_cycles.
+        Arguments and results are those of control_cycle.run_cycles.
         """
 
 
@@ -187,7 +187,7 @@ class Simulation:
         self.step_ns = round(self.config.time_step * 1e9)
         self.robots: dict[str, ControlledModel] = {}
         self.cameras: list[MountedCamera] = []
-        self.sensors: list[RateSensor] = []
+        self.sensors: list[PeriodicSensor] = []
         self.grasps: list[GraspFix] = []
         self.before_images: Callable[[int], None] | None = None
         self._renderer: Renderer | None = None
@@ -413,7 +413,7 @@ class Simulation:
             else compiled_controller.start_cycles(time_ns, until_ns)
         )
         loop_inputs = robot.loop.start_cycles(time_ns, self.step_ns, sampler)
-        run_cycles = cycle.run_cycles if sampler is None else compiled_controller.run_cycles
+        run_cycles = control_cycle.run_cycles if sampler is None else compiled_controller.run_cycles
         return None if loop_inputs is None else (robot, run_cycles, physics, *loop_inputs)
 
     def _run_cycles(
@@ -445,12 +445,14 @@ class Simulation:
         made, end, diverged = run_cycles(
             count, start_ns, step_ns, loops, hardware.handle_rows, hardware.drive_rows, *physics
         )
-        robot.loop.end_cycles(start_ns + (made + (end == cycle.NOT_FINITE)) * step_ns)
-        self.time_ns = start_ns + (made - (end == cycle.DIVERGED)) * step_ns
-        if end != cycle.ALL_MADE:
+        robot.loop.end_cycles(start_ns + (made + (end == control_cycle.NOT_FINITE)) * step_ns)
+        self.time_ns = start_ns + (made - (end == control_cycle.DIVERGED)) * step_ns
+        if end != control_cycle.ALL_MADE:
             hardware.log_warnings()
-        self.world.finish_compiled_steps(robot.model, made, diverged, end != cycle.BASE_UNSUPPORTED)
-        if end == cycle.NOT_FINITE:
+        self.world.finish_compiled_steps(
+            robot.model, made, diverged, end != control_cycle.BASE_UNSUPPORTED
+        )
+        if end == control_cycle.NOT_FINITE:
             hardware.apply(self.time_ns)
             robot.model.check_efforts()
 

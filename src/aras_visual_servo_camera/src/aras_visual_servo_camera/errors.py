@@ -9,7 +9,7 @@ class ImageError(VisionError):
     """An image message that cannot be read because of its encoding, size or data length."""
 
 
-class CalibrationError(VisionError):
+class InvalidIntrinsicsError(VisionError):
     """Intrinsics (CameraInfo) with which pixels cannot be normalised."""
 
 
@@ -25,11 +25,11 @@ class MomentsError(VisionError):
     """
 
 
-class FeatureError(VisionError):
+class UnavailableFeatureError(VisionError):
     """A feature that does not exist, or whose inputs are missing."""
 
 
-class DegenerateFeatureError(FeatureError):
+class DegenerateFeatureError(UnavailableFeatureError):
     """A feature that is undefined for the current shape.
 
     Attributes:
@@ -43,7 +43,7 @@ class DegenerateFeatureError(FeatureError):
         self.reason = reason
 
 
-class ModelError(VisionError):
+class TrackingModelError(VisionError):
     """A mesh or a start pose that cannot be used for tracking."""
 
 

@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .degeneracy import CHECKS, DEFAULT_TOLERANCE
-from .errors import DegenerateFeatureError, FeatureError
+from .errors import DegenerateFeatureError, UnavailableFeatureError
 from .feature_formulas import DENOMINATORS, FORMULAS
 from .formula import CompiledFormulas, Formula
 from .interaction import Plane, compute_centred_interaction, compute_raw_interaction
@@ -62,7 +62,7 @@ class Reference:
 
     def __post_init__(self) -> None:
         if not (self.area > 0.0 and self.depth > 0.0):
-            raise FeatureError(
+            raise UnavailableFeatureError(
                 f"the reference needs a positive area and depth, got {self.area} and {self.depth}"
             )
 
@@ -106,7 +106,7 @@ class FeatureSet:
 
         Raises:
             DegenerateFeatureError: the feature is undefined for the shape in this view.
-            FeatureError: the feature was not computed.
+            UnavailableFeatureError: the feature was not computed.
         """
         return float(self.values[self._find_index(name)])
 
@@ -115,7 +115,7 @@ class FeatureSet:
 
         Raises:
             DegenerateFeatureError: the feature is undefined for the shape in this view.
-            FeatureError: the feature was not computed.
+            UnavailableFeatureError: the feature was not computed.
         """
         return self.L[self._find_index(name)]
 
@@ -123,7 +123,7 @@ class FeatureSet:
         if name in self.degenerate:
             raise DegenerateFeatureError(name, self.degenerate[name])
         if name not in self.names:
-            raise FeatureError(
+            raise UnavailableFeatureError(
                 f"feature '{name}' was not computed; the computed features are "
                 f"{', '.join(self.names)}"
             )
@@ -154,14 +154,16 @@ def _make_node(name: str) -> _Node:
     formula = FORMULAS.get(name)
     if formula is None:
         if name.isidentifier():
-            raise FeatureError(
+            raise UnavailableFeatureError(
                 f"there is no feature '{name}'; use one of mIJ, muIJ, xg, yg, alpha_full, "
                 + ", ".join(FORMULAS)
             )
         try:
             formula = Formula(name)
         except (SyntaxError, ValueError) as error:
-            raise FeatureError(f"'{name}' is neither a feature nor a formula: {error}") from None
+            raise UnavailableFeatureError(
+                f"'{name}' is neither a feature nor a formula: {error}"
+            ) from None
     below = [_make_node(n) for n in formula.names]
     denominators = dict.fromkeys((*own, *(d for n in below for d in n.denominators)))
     return _Node(formula, frozenset().union(*(n.leaves for n in below)), tuple(denominators))
@@ -292,8 +294,8 @@ def compute_moment_features(
         reason.
 
     Raises:
-        FeatureError: a name is unknown, the order of the moments is too low, or a reference is
-            missing.
+        UnavailableFeatureError: a name is unknown, the order of the moments is too low, or a
+            reference is missing.
     """
     names = tuple(names)
     plane = _make_plane(moments, reference) if plane is None else plane
@@ -314,8 +316,8 @@ def compute_feature_values(
     """Compute the values (k,) of `compute_moment_features` without L.
 
     Raises:
-        FeatureError: a name is unknown, the order of the moments is too low, or a reference is
-            missing.
+        UnavailableFeatureError: a name is unknown, the order of the moments is too low, or a
+            reference is missing.
     """
     plan = _make_plan(names, moments.kind)
     return _View(moments, plane, reference, tolerance).evaluate_defined(names, plan)[0]
@@ -327,12 +329,14 @@ def _make_plane(moments: Moments, reference: Reference | None) -> Plane:
     a is the current area. a* and Z* are the desired area and depth, from `reference`.
     """
     if reference is None:
-        raise FeatureError(
+        raise UnavailableFeatureError(
             "the depth of the target is unknown; give a plane, or a reference with the desired "
             "area and depth"
         )
     if not moments.area > 0.0:
-        raise FeatureError("all points coincide, so their depth cannot be computed; give a plane")
+        raise UnavailableFeatureError(
+            "all points coincide, so their depth cannot be computed; give a plane"
+        )
     return Plane.fronto_parallel(reference.depth * sqrt(reference.area / moments.area))
 
 
@@ -372,11 +376,11 @@ class _View:
             features.
 
         Raises:
-            FeatureError: the order of the moments is too low.
+            UnavailableFeatureError: the order of the moments is too low.
         """
         order, needed = self.moments.order, max(plan.centred_order, plan.raw_order) + 1
         if order < needed:
-            raise FeatureError(
+            raise UnavailableFeatureError(
                 f"{', '.join(names)} need moments up to order {needed} for the interaction matrix, "
                 f"got order {order}; increase the order of the moments"
             )
@@ -454,5 +458,5 @@ class _View:
 
     def _get_reference(self, name: str) -> Reference:
         if self.reference is None:
-            raise FeatureError(f"'{name}' needs a reference: the desired area and depth")
+            raise UnavailableFeatureError(f"'{name}' needs a reference: the desired area and depth")
         return self.reference

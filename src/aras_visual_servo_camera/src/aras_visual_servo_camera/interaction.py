@@ -32,7 +32,7 @@ from numpy.typing import ArrayLike
 
 from aras_visual_servo_base.compiled import jit
 
-from .errors import FeatureError
+from .errors import UnavailableFeatureError
 from .moments import DENSE, Moments
 from .polygons import Array
 
@@ -51,7 +51,9 @@ class Plane(NamedTuple):
     def fronto_parallel(cls, Z: float) -> Plane:
         """Return the plane at depth Z (m) parallel to the image plane."""
         if not Z > 0.0:
-            raise FeatureError(f"the depth of the target's plane must be positive, got {Z:g} m")
+            raise UnavailableFeatureError(
+                f"the depth of the target's plane must be positive, got {Z:g} m"
+            )
         return cls(0.0, 0.0, 1.0 / Z)
 
     @classmethod
@@ -64,7 +66,7 @@ class Plane(NamedTuple):
         normal = np.asarray(R, dtype=float)[:, 2]
         distance = float(normal @ np.asarray(t, dtype=float))
         if distance == 0.0:
-            raise FeatureError(
+            raise UnavailableFeatureError(
                 "the camera is in the target's plane and sees it edge-on; move the camera out of "
                 "this plane"
             )
@@ -90,11 +92,13 @@ def point_interaction(points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarr
         (2n, 6) with the rows of x_0, y_0, x_1, ...
 
     Raises:
-        FeatureError: the points do not have the shape (n, 2).
+        UnavailableFeatureError: the points do not have the shape (n, 2).
     """
     points, inverse_depth = np.asarray(points, float), np.asarray(inverse_depth, float)
     if points.ndim != 2 or points.shape[1] != 2:
-        raise FeatureError(f"the points have the shape {points.shape}, must have the shape (n, 2)")
+        raise UnavailableFeatureError(
+            f"the points have the shape {points.shape}, must have the shape (n, 2)"
+        )
     L = np.zeros((2 * len(points), 6))
     _write_point_interaction(points, np.broadcast_to(inverse_depth, len(points)), L)
     return L
@@ -188,7 +192,7 @@ def _find_order(moments: Moments, order: int | None) -> int:
     if order is None:
         order = highest
     if not 1 <= order <= highest:
-        raise FeatureError(
+        raise UnavailableFeatureError(
             f"the interaction matrices of moments of order {order} need moments up to order "
             f"{order + 1}, got order {moments.order}; increase the order of the moments"
         )

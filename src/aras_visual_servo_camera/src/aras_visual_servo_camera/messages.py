@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import Image as ImageMessage
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension
 
+from .detection_pipeline import TargetDetection
 from .errors import MomentsError, VisionError
 from .moments import Moments
-from .pipeline import TargetDetection
 
 
 def make_moments_message(detection: TargetDetection, header: Header, method: str) -> Any:

@@ -18,12 +18,12 @@ from aras_visual_servo_base.compiled import compile_all
 from aras_visual_servo_base.stamp_synchronizer import StampSynchronizer
 from aras_visual_servo_ros.shutdown import iterate_at_period, node_main
 
-from .errors import CalibrationError, VisionError
+from .detection_pipeline import DetectionPipeline
+from .detection_publishers import MOMENTS_TOPIC, DetectionPublishers
+from .errors import InvalidIntrinsicsError, VisionError
 from .images import decode
-from .label_topics import BUFFER_SIZE, LabelTopics
-from .outputs import MOMENTS_TOPIC, ImagePublishers
+from .label_subscribers import BUFFER_SIZE, LabelSubscribers
 from .parameters import VisionParameters
-from .pipeline import Pipeline
 from .undistortion import CameraModel
 
 CAMERA = "/labrob/camera"
@@ -31,7 +31,7 @@ IMAGE_TOPIC, INFO_TOPIC = f"{CAMERA}/image_raw", f"{CAMERA}/camera_info"
 
 
 class CameraNode:
-    """ROS interface of Pipeline. It logs each kind of error in one line, at a limited rate.
+    """ROS interface of DetectionPipeline. It logs errors in one line each, at a limited rate.
 
     Attributes:
         moments_topic: name of the topic of the moments, as it is before remapping.
@@ -44,14 +44,18 @@ class CameraNode:
     def __init__(self, parameters: VisionParameters) -> None:
         self.on_moments: Callable[[Any], None] | None = None
         self.parameters = parameters
-        self.pipeline = Pipeline(parameters.pipeline_settings, parameters.read_mask_image())
+        self.pipeline = DetectionPipeline(
+            parameters.pipeline_settings, parameters.read_mask_image()
+        )
         self.pipeline.drop_camera(f"no camera_info on {rospy.resolve_name(INFO_TOPIC)} yet")
         self._log_times: dict[str, float] = {}
         self._lock, self._stamp, self._last_image = Lock(), rospy.Time(), time.monotonic()
-        self._outputs = ImagePublishers(parameters, self.pipeline, self._log)
+        self._outputs = DetectionPublishers(parameters, self.pipeline, self._log)
         segmentation = parameters.pipeline_settings.segmentation
         self._pairing = StampSynchronizer(segmentation.image_kinds)
-        self._label_topics = LabelTopics.for_segmentation(segmentation, CAMERA, self._add_image)
+        self._label_topics = LabelSubscribers.for_segmentation(
+            segmentation, CAMERA, self._add_image
+        )
         options = {"queue_size": 1, "tcp_nodelay": True, "buff_size": BUFFER_SIZE}
         rospy.Subscriber(INFO_TOPIC, CameraInfo, self._on_info, **options)
         rospy.Subscriber(IMAGE_TOPIC, ImageMessage, partial(self._add_image, "image"), **options)
@@ -73,7 +77,7 @@ class CameraNode:
         with self._lock:
             try:
                 self.pipeline.set_camera(CameraModel.from_message(message))
-            except CalibrationError as error:
+            except InvalidIntrinsicsError as error:
                 self.pipeline.drop_camera(str(error))
 
     def _add_image(self, kind: str, message: ImageMessage) -> None:

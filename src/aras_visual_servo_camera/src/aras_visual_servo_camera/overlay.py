@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .pipeline import TargetDetection
+from .detection_pipeline import TargetDetection
 
 _GREEN, _RED, _YELLOW, _BLUE = (0, 220, 0), (230, 30, 30), (255, 210, 0), (60, 120, 255)
 _FRACTION_BITS = 4  # the coordinates of drawn lines are in units of 1/16 px

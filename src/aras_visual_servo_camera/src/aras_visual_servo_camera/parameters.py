@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from aras_visual_servo_base.settings import build, parameter
 
+from .detection_pipeline import DetectionSettings
 from .errors import ParameterError, SegmentationError
-from .pipeline import PipelineSettings
-from .segmentation import Segmentation
+from .segmentation import SegmentationSettings
 
 
 def copy_parameter(settings: type, name: str) -> Any:
@@ -43,26 +43,26 @@ class VisionParameters:
         log_period: minimum wall time between two log lines of the same kind, s.
     """
 
-    layout: str = copy_parameter(PipelineSettings, "layout")
-    segmentation: str = copy_parameter(Segmentation, "method")
-    threshold: float = copy_parameter(Segmentation, "threshold")
-    original_threshold: float = copy_parameter(PipelineSettings, "original_threshold")
-    dark_target: bool = copy_parameter(Segmentation, "dark_target")
-    component: str = copy_parameter(Segmentation, "component")
-    marker: str | Mapping[str, Any] = copy_parameter(Segmentation, "marker")
+    layout: str = copy_parameter(DetectionSettings, "layout")
+    segmentation: str = copy_parameter(SegmentationSettings, "method")
+    threshold: float = copy_parameter(SegmentationSettings, "threshold")
+    original_threshold: float = copy_parameter(DetectionSettings, "original_threshold")
+    dark_target: bool = copy_parameter(SegmentationSettings, "dark_target")
+    component: str = copy_parameter(SegmentationSettings, "component")
+    marker: str | Mapping[str, Any] = copy_parameter(SegmentationSettings, "marker")
     mask_image: str = ""
-    min_pixels: int = copy_parameter(Segmentation, "min_pixels")
-    min_contrast: float = copy_parameter(Segmentation, "min_contrast")
-    adaptive_block: int = copy_parameter(Segmentation, "adaptive_block")
-    adaptive_offset: float = copy_parameter(Segmentation, "adaptive_offset")
-    colour_low: tuple[float, ...] = copy_parameter(Segmentation, "colour_low")
-    colour_high: tuple[float, ...] = copy_parameter(Segmentation, "colour_high")
-    near_colour: tuple[float, ...] = copy_parameter(Segmentation, "near_colour")
-    colour_distance: float = copy_parameter(Segmentation, "colour_distance")
-    label: str = copy_parameter(Segmentation, "label")
-    weighting: str = copy_parameter(PipelineSettings, "weighting")
-    edge_band: int = copy_parameter(PipelineSettings, "edge_band")
-    order: int = copy_parameter(PipelineSettings, "order")
+    min_pixels: int = copy_parameter(SegmentationSettings, "min_pixels")
+    min_contrast: float = copy_parameter(SegmentationSettings, "min_contrast")
+    adaptive_block: int = copy_parameter(SegmentationSettings, "adaptive_block")
+    adaptive_offset: float = copy_parameter(SegmentationSettings, "adaptive_offset")
+    colour_low: tuple[float, ...] = copy_parameter(SegmentationSettings, "colour_low")
+    colour_high: tuple[float, ...] = copy_parameter(SegmentationSettings, "colour_high")
+    near_colour: tuple[float, ...] = copy_parameter(SegmentationSettings, "near_colour")
+    colour_distance: float = copy_parameter(SegmentationSettings, "colour_distance")
+    label: str = copy_parameter(SegmentationSettings, "label")
+    weighting: str = copy_parameter(DetectionSettings, "weighting")
+    edge_band: int = copy_parameter(DetectionSettings, "edge_band")
+    order: int = copy_parameter(DetectionSettings, "order")
     desired_outline: tuple[float, ...] = ()
     log_period: float = parameter(5.0, "s", least=0.1, most=3600.0)
 
@@ -91,24 +91,26 @@ class VisionParameters:
         """
         entry = mapping.get("segmentation")
         if isinstance(entry, Mapping):
-            segmentation = build(Segmentation, entry, "parameter ~segmentation", ParameterError)
+            segmentation = build(
+                SegmentationSettings, entry, "parameter ~segmentation", ParameterError
+            )
             settings = {name: getattr(segmentation, name) for name in entry}
             mapping = {**mapping, **settings, "segmentation": segmentation.method}
             mapping.pop("method", None)
         return build(cls, mapping, "parameter ~", ParameterError)
 
     @cached_property
-    def pipeline_settings(self) -> PipelineSettings:
+    def pipeline_settings(self) -> DetectionSettings:
         """Settings of the pipeline; raises ParameterError if the segmentation settings are invalid.
         """
         try:
-            segmentation = Segmentation(
-                method=self.segmentation, **self._select_settings(Segmentation)
+            segmentation = SegmentationSettings(
+                method=self.segmentation, **self._select_settings(SegmentationSettings)
             )
         except SegmentationError as error:
             raise ParameterError(f"parameter ~{error}") from None
-        return PipelineSettings(
-            **{**self._select_settings(PipelineSettings), "segmentation": segmentation}
+        return DetectionSettings(
+            **{**self._select_settings(DetectionSettings), "segmentation": segmentation}
         )
 
     def _select_settings(self, settings: type) -> dict[str, Any]:

@@ -17,7 +17,7 @@ MAX_HSV = (179, 255, 255)  # largest hue, saturation and value in OpenCV's HSV i
 
 
 @dataclass(frozen=True)
-class Segmentation:
+class SegmentationSettings:
     """Settings that define which pixels of an image can belong to the target, and which do.
 
     Attributes:

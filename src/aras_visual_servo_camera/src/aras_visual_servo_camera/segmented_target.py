@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from .errors import SegmentationError, VisionError
 from .markers import MarkerChoice
-from .segmentation import BY_COLOUR, Segmentation
+from .segmentation import BY_COLOUR, SegmentationSettings
 
 Mask = NDArray[np.uint8]
 Box = tuple[int, int, int, int]
@@ -80,7 +80,7 @@ class SegmentedTarget:
 
 
 def threshold_image(
-    grey: Mask, settings: Segmentation, colour: NDArray[np.uint8] | None = None,
+    grey: Mask, settings: SegmentationSettings, colour: NDArray[np.uint8] | None = None,
     target_mask: Mask | None = None,
 ) -> tuple[Mask, float, str]:
     """Find all pixels that may belong to the target, by the method of the settings.
@@ -145,7 +145,7 @@ def threshold_image(
     return upper | cv2.inRange(hsv, (0, *low[1:]), high), -1.0, ""
 
 
-def _threshold_colour_distance(colour: NDArray[np.uint8], settings: Segmentation) -> Mask:
+def _threshold_colour_distance(colour: NDArray[np.uint8], settings: SegmentationSettings) -> Mask:
     """Return the mask (rows, columns) of the pixels close to one colour.
 
     A pixel is 255 if its distance from `settings.near_colour` is at most
@@ -172,7 +172,7 @@ def _compute_contrast(grey: Mask, mask: Mask, dark_target: bool) -> float:
 
 def segment(
     grey: Mask,
-    settings: Segmentation,
+    settings: SegmentationSettings,
     colour: NDArray[np.uint8] | None = None,
     previous_centre: tuple[float, float] | None = None,
     component_mask: Mask | None = None,
@@ -244,7 +244,7 @@ def _find_components_in(mask: Mask, component_mask: Mask) -> tuple[Mask, Box, in
     return selected, cv2.boundingRect(selected), count - 1
 
 
-def _explain_unusable(count: int, box: Box, mask: Mask, settings: Segmentation) -> str:
+def _explain_unusable(count: int, box: Box, mask: Mask, settings: SegmentationSettings) -> str:
     if count == mask.size:
         return "the target fills the whole image; check the threshold, or move the camera away"
     if count < settings.min_pixels:
@@ -287,7 +287,7 @@ def _count_components(mask: Mask) -> int:
 def _choose_component(
     mask: Mask,
     box: Box,
-    settings: Segmentation,
+    settings: SegmentationSettings,
     previous_centre: tuple[float, float] | None,
     component_mask: Mask | None,
 ) -> tuple[Mask, Box, int]:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from .errors import ModelError
+from .errors import TrackingModelError
 from .interaction import Plane
 
 SILHOUETTE_SAMPLES = 360  # number of sample points at equal distances along the outline
@@ -23,7 +23,7 @@ SILHOUETTE_SAMPLES = 360  # number of sample points at equal distances along the
 MAX_PLANE_DEVIATION = 0.09
 
 
-class Rim(NamedTuple):
+class FittedPlane(NamedTuple):
     """Plane that fits the points of a solid on the outline of its silhouette.
 
     Attributes:
@@ -46,10 +46,10 @@ def find_silhouette_points(points: np.ndarray) -> np.ndarray:
         (n, 3) vertices, in order along the hull, m.
 
     Raises:
-        ModelError: a vertex is not in front of the camera.
+        TrackingModelError: a vertex is not in front of the camera.
     """
     if not (points[:, 2] > 0.0).all():
-        raise ModelError(
+        raise TrackingModelError(
             "the solid is completely or partly behind the camera; move the camera until it is in "
             "front"
         )
@@ -57,14 +57,14 @@ def find_silhouette_points(points: np.ndarray) -> np.ndarray:
     return points[cv2.convexHull(image_points.astype(np.float32), returnPoints=False)[:, 0]]
 
 
-def fit_rim(points: np.ndarray) -> Rim:
+def fit_rim(points: np.ndarray) -> FittedPlane:
     """Fit a plane to the outline of a solid.
 
     Args:
         points: (m, 3) vertices of the solid in the camera's frame, m.
 
     Raises:
-        ModelError: a vertex is not in front of the camera.
+        TrackingModelError: a vertex is not in front of the camera.
     """
     corners = find_silhouette_points(points)
     # Along a straight edge of the outline, 1/Z is linear in the image, so it can be interpolated.
@@ -79,7 +79,7 @@ def fit_rim(points: np.ndarray) -> Rim:
     rays = np.column_stack([x, y, np.ones(SILHOUETTE_SAMPLES)])
     plane = np.linalg.lstsq(rays, inverse_depth, rcond=None)[0]
     deviation = float(np.sqrt(np.mean((rays @ plane / inverse_depth - 1.0) ** 2)))
-    return Rim(Plane(*plane.tolist()), deviation)
+    return FittedPlane(Plane(*plane.tolist()), deviation)
 
 
 def fit_outline_plane(points: np.ndarray, name: str) -> Plane:
@@ -90,13 +90,13 @@ def fit_outline_plane(points: np.ndarray, name: str) -> Plane:
         name: name of the solid, for messages.
 
     Raises:
-        ModelError: a vertex is not in front of the camera, or the deviation is above
+        TrackingModelError: a vertex is not in front of the camera, or the deviation is above
             MAX_PLANE_DEVIATION.
     """
     plane, deviation = fit_rim(points)
     if deviation > MAX_PLANE_DEVIATION:
         percent, allowed = 100.0 * deviation, 100.0 * MAX_PLANE_DEVIATION
-        raise ModelError(
+        raise TrackingModelError(
             f"the visible outline of {name} is too far from a plane, which schemes of moments "
             f"need: it deviates by {percent:.0f} % of the distance (rms), must be at most "
             f"{allowed:.0f} %; place the camera farther away or above another side, or use scheme "
@@ -105,7 +105,7 @@ def fit_outline_plane(points: np.ndarray, name: str) -> Plane:
     return plane
 
 
-class OutlinePlane:
+class OutlinePlaneFitter:
     """Computes the plane of a solid's outline for any pose of the camera."""
 
     def __init__(self, vertices: np.ndarray, world_T_solid: np.ndarray, name: str) -> None:
@@ -123,7 +123,8 @@ class OutlinePlane:
         """Compute the plane in the frame of a camera with the pose world_T_camera (4, 4).
 
         Raises:
-            ModelError: a vertex is not in front of the camera, or no plane fits the outline.
+            TrackingModelError: a vertex is not in front of the camera, or no plane fits the
+                outline.
         """
         points = self._points - world_T_camera[:3, 3]
         return fit_outline_plane(points @ world_T_camera[:3, :3], self._name)

@@ -25,7 +25,7 @@ from aras_visual_servo_base.lenses import (
 )
 from aras_visual_servo_base.memory import ByteLimitedCache
 
-from .errors import CalibrationError
+from .errors import InvalidIntrinsicsError
 from .moments import Pinhole
 from .polygons import Array
 
@@ -82,7 +82,7 @@ class CameraModel:
         model: name of the distortion model, as in sensor_msgs/CameraInfo.
 
     Raises:
-        CalibrationError: the model is unknown, or a number is invalid.
+        InvalidIntrinsicsError: the model is unknown, or a number is invalid.
     """
 
     width: int
@@ -93,30 +93,30 @@ class CameraModel:
 
     def __post_init__(self) -> None:
         if self.model not in PINHOLE_MODELS + FISHEYE_MODELS:
-            raise CalibrationError(
+            raise InvalidIntrinsicsError(
                 f"distortion model '{self.model}' is not known; use one of "
                 f"{', '.join(PINHOLE_MODELS[1:] + FISHEYE_MODELS)}"
             )
         if len(self.K) != 9 or not np.isfinite(self.K).all() or not np.isfinite(self.D).all():
-            raise CalibrationError(
+            raise InvalidIntrinsicsError(
                 "camera_info: K must contain 9 finite numbers, and all numbers in D must be finite"
             )
         if not (self.K[0] > 0.0 and self.K[4] > 0.0):
-            raise CalibrationError(
+            raise InvalidIntrinsicsError(
                 f"camera_info: focal lengths fx={self.K[0]:g}, fy={self.K[4]:g} must be positive; "
                 "calibrate the camera"
             )
         if self.K[1] != 0.0:
-            raise CalibrationError(
+            raise InvalidIntrinsicsError(
                 f"camera_info: the skew K[1] is {self.K[1]:g}, must be 0; calibrate without skew"
             )
         if self.width < 1 or self.height < 1:
-            raise CalibrationError(
+            raise InvalidIntrinsicsError(
                 f"camera_info: size {self.width} x {self.height} is empty, must be at least 1 x 1"
             )
         allowed = (0, 4) if self.model in FISHEYE_MODELS else (0, 4, 5, 8, 12, 14)
         if len(self.D) not in allowed:
-            raise CalibrationError(
+            raise InvalidIntrinsicsError(
                 f"camera_info: D has {len(self.D)} coefficients; distortion model '{self.model}' "
                 f"needs {', '.join(map(str, allowed[:-1]))} or {allowed[-1]}"
             )

@@ -33,7 +33,7 @@ class MeasurementError(ServoError):
     """
 
 
-class TaskError(ServoError):
+class InvalidTaskError(ServoError):
     """A task that cannot be executed: arrays of wrong shapes, or values that are not finite."""
 
 

@@ -55,7 +55,7 @@ class CameraEntry:
 
 
 @dataclass(frozen=True)
-class Parameters:
+class ControllerParameters:
     """Parameters of the control loop and its node; lengths in m, angles in rad.
 
     A parameter of the joints is one number for all joints, a list with a number for each joint in
@@ -234,5 +234,5 @@ def expand_per_joint(name: str, value: Any, arm: Arm) -> Any:
             raise ConfigurationError(
                 f"parameter ~{name} has the unknown joint {joint}: {suggest(joint, arm.names)}"
             )
-    other = get_default(Parameters.__dataclass_fields__[name])
+    other = get_default(ControllerParameters.__dataclass_fields__[name])
     return tuple(float(value.get(joint, other)) for joint in arm.names)

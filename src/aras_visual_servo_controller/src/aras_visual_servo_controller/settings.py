@@ -1,6 +1,6 @@
 """Settings of the controller, and the construction of the control loop from them.
 
-The node, the offline runner and the tests all construct the loop from these `Settings`.
+The node, the offline runner and the tests all construct the loop from these `ControllerSettings`.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from aras_visual_servo_base.urdf import parse_tree
 from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_camera.errors import SegmentationError, VisionError
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_camera.segmentation import Segmentation
+from aras_visual_servo_camera.segmentation import SegmentationSettings
 
 from .errors import ConfigurationError
 from .goals.goal import Goal
 from .goals.starts import find_start_joints
-from .kinematics import Arm, DifferentialIK, IKSettings, Limits
+from .kinematics import Arm, CommandLimits, DifferentialIK, IKSettings
 from .kinematics.arm import is_free_camera
 from .kinematics.elbow import find_elbows
 from .laws import Law, create_law
@@ -46,7 +46,7 @@ from .parameters import (
     MODEL_TRACKER,
     OUTLINE_TRACKER,
     TRACKER_PARAMETERS,
-    Parameters,
+    ControllerParameters,
     expand_per_joint,
 )
 from .records.state import ServoSettings
@@ -61,15 +61,15 @@ NO_CAMERAS: Mapping[str, Any] = {}
 
 
 @dataclass(frozen=True)
-class Settings(Parameters):
+class ControllerSettings(ControllerParameters):
     """Checked parameters of the controller, with methods that construct the parts of the loop."""
 
-    documented_by = (Parameters, ServoSettings)
+    documented_by = (ControllerParameters, ServoSettings)
 
     @classmethod
     def from_mapping(
         cls, raw: Mapping[str, Any], package: Path = Path("."), file: str = ""
-    ) -> Settings:
+    ) -> ControllerSettings:
         """Construct the settings from parameters, and check them.
 
         Args:
@@ -97,7 +97,9 @@ class Settings(Parameters):
         settings.check_cameras(where)
         return settings
 
-    def for_robot(self, name: str, raw_settings: Mapping[str, Any] | None = None) -> Settings:
+    def for_robot(
+        self, name: str, raw_settings: Mapping[str, Any] | None = None
+    ) -> ControllerSettings:
         """Return these settings with the values of config/robots/NAME.yaml, if this file exists.
 
         Parameters that the user has given keep their values.
@@ -110,10 +112,10 @@ class Settings(Parameters):
         path = self.package / "config" / "robots" / f"{Path(name).name}.yaml"
         if not name or not path.is_file():
             return self
-        robot_settings = Settings.from_mapping(
+        robot_settings = ControllerSettings.from_mapping(
             read_yaml(path, ConfigurationError), self.package, str(path)
         )
-        defaults = Settings(package=self.package)
+        defaults = ControllerSettings(package=self.package)
         if raw_settings is None:
             raw_settings = [
                 f.name for f in fields(self) if getattr(self, f.name) != getattr(defaults, f.name)
@@ -241,13 +243,13 @@ class Settings(Parameters):
             smoothing=self.smoothing,
         )
 
-    def make_limits(self, arm: Arm) -> Limits:
+    def make_limits(self, arm: Arm) -> CommandLimits:
         """Return the joint limits of the commands.
 
         Raises:
             ConfigurationError: a limit does not fit the arm, or a joint has no speed limit.
         """
-        limits = Limits.for_arm(
+        limits = CommandLimits.for_arm(
             arm, self.lower, self.upper, self.max_velocity, self.max_acceleration
         )
         if isinstance(arm, Arm) and not np.isfinite(limits.velocity).all():
@@ -288,7 +290,7 @@ class Settings(Parameters):
         return self.package / "config" / f"goal_{Path(name).name}.yaml"
 
     def make_differential_ik(
-        self, arm: Arm, limits: Limits, goal: Goal | None = None
+        self, arm: Arm, limits: CommandLimits, goal: Goal | None = None
     ) -> DifferentialIK:
         """Construct the differential inverse kinematics with its secondary tasks.
 
@@ -428,14 +430,14 @@ class Settings(Parameters):
         """
         if not self.model or "pose" not in self.model_start:
             return None
-        from aras_visual_servo_camera.silhouette import OutlinePlane
+        from aras_visual_servo_camera.silhouette import OutlinePlaneFitter
 
         solid, place = self.make_tracker().tracking.solid, self.model_start["pose"]
-        return OutlinePlane(
+        return OutlinePlaneFitter(
             solid.vertices, matrix_from_xyz_rpy(place[:3], place[3:]), Path(self.model).name
         ).compute_plane
 
-    def make_segmentation(self, where: str = "parameter ~") -> Segmentation:
+    def make_segmentation(self, where: str = "parameter ~") -> SegmentationSettings:
         """Construct the segmentation of the target.
 
         Raises:
@@ -446,7 +448,7 @@ class Settings(Parameters):
             options = self.segmentation
             if self.marker and "marker" not in options:
                 options = {"marker": self.marker, **options}
-            found = build(Segmentation, options, where, ConfigurationError)
+            found = build(SegmentationSettings, options, where, ConfigurationError)
         except SegmentationError as error:
             raise ConfigurationError(f"{where}: {error}") from error
         if found.component == "mask":

@@ -4,7 +4,7 @@ from aras_visual_servo_base.lazy import lazy_exports
 
 _PLACES = {
     "CameraConfig": ".config", "CameraIntrinsics": ".intrinsics", "CameraSensor": ".sensor",
-    "SensorFrame": ".sensor",
+    "CameraReading": ".sensor",
 }  # fmt: skip
 __all__ = list(_PLACES)
 __getattr__, __dir__ = lazy_exports(__name__, _PLACES)

@@ -13,8 +13,8 @@ from typing import Any
 from aras_visual_servo_base.yaml_files import parse_yaml, read_text
 
 from ..errors import CameraError
-from .calibration_file import CALIBRATION_KEY as CALIBRATION
-from .calibration_file import apply_calibration, find_calibration, split_name
+from .calibration_loader import CALIBRATION_KEY as CALIBRATION
+from .calibration_loader import apply_calibration, find_calibration, split_name
 from .config import CameraConfig
 
 

@@ -21,12 +21,12 @@ from aras_visual_servo_base.setting_values import merge
 from aras_visual_servo_base.settings import build, convert_fields, parameter
 from aras_visual_servo_base.settings import check as check_bounds
 
-from ..description import CameraDescription, DepthTopics
+from ..description import CameraDescription, DepthDescription
 from ..errors import CameraError
-from .calibration_file import apply_calibration
+from .calibration_loader import apply_calibration
 from .effects import Effects
 from .formats import find_encoding
-from .intrinsics import CameraIntrinsics, CameraProjection, camera_matrix, projection_matrix
+from .intrinsics import CameraIntrinsics, RenderProjection, camera_matrix, projection_matrix
 from .lens import (
     COEFFICIENTS,
     LARGEST_ANGLE,
@@ -125,7 +125,7 @@ class CameraConfig:
     declared: tuple[float, float, float, float, float, float, float, float] = (0.0,) * 8
     depth: bool = False
     segmentation: bool = False
-    depth_topics: DepthTopics = field(default_factory=DepthTopics)
+    depth_topics: DepthDescription = field(default_factory=DepthDescription)
     effects: Effects = field(default_factory=Effects)
     shake: Shake | None = None
     latency: float = parameter(0.0, "s", least=0.0)
@@ -276,17 +276,17 @@ class CameraConfig:
         return camera_matrix(f, f, (self.width - 1) / 2, (self.height - 1) / 2)
 
     @property
-    def projection(self) -> CameraProjection:
+    def projection(self) -> RenderProjection:
         """Projection of the rendered image."""
         D = self.distortion_coefficients
         if self.lens == "pinhole":
-            return CameraProjection(self.K, BrownLens((*D, *(0.0,) * (5 - len(D)))))
+            return RenderProjection(self.K, BrownLens((*D, *(0.0,) * (5 - len(D)))))
         reach = LARGEST_ANGLE[self.lens] if self.cutoff_angle is None else self.cutoff_angle
         if not D:
             D = ideal_coefficients(self.lens, LARGEST_ANGLE[self.lens])
         elif self.cutoff_angle is None:
             reach = min(reach, kannala_brandt_fold(D) * (1.0 - 1e-6))
-        return CameraProjection(self.K, FisheyeLens(D, reach))
+        return RenderProjection(self.K, FisheyeLens(D, reach))
 
     def make_intrinsics(self) -> CameraIntrinsics:
         """Return the content of CameraInfo.
@@ -344,7 +344,7 @@ class CameraConfig:
 
         `camera_matrix` may be a mapping with the keys fx, fy, cx and cy, or a list of these four
         numbers. `effects` is a mapping with the fields of effects.Effects. `calibration` is the
-        path of a calibration file (see calibration_file.py).
+        path of a calibration file (see calibration_loader.py).
 
         Raises:
             CameraError: the message names the wrong key.

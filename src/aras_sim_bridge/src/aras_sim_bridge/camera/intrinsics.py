@@ -40,7 +40,7 @@ class CameraIntrinsics:
 
 
 @dataclass(frozen=True)
-class CameraProjection:
+class RenderProjection:
     """Projection of the rendered image.
 
     Attributes:

@@ -15,7 +15,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from aras_sim_bridge.camera import CameraConfig, CameraSensor, SensorFrame
+from aras_sim_bridge.camera import CameraConfig, CameraReading, CameraSensor
 from aras_sim_bridge.camera.config import FloatTriple, derive_seed
 from aras_sim_bridge.description import CameraDescription
 from aras_sim_bridge.errors import CameraError, RenderingError, SimError
@@ -68,7 +68,7 @@ class MountedCamera:
         self.sensor = sensor
         self.model = model
         self.link = link
-        self.on_frame: Callable[[SensorFrame], None] | None = None
+        self.on_frame: Callable[[CameraReading], None] | None = None
         self._fixed = None if pose is None else pose.matrix()
         self._enabled = False
         self._is_new = False

@@ -8,14 +8,14 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import jit
 
-from ..description import DepthTopics
+from ..description import DepthDescription
 
 # Number of floats per point, as in PCL: x, y, z, one unused, colour, and three unused.
 POINT_FLOATS = 8
 COLOUR = 4  # index of the colour among the floats of a point
 
 
-def clip_depth(depth: np.ndarray, topics: DepthTopics) -> np.ndarray:
+def clip_depth(depth: np.ndarray, topics: DepthDescription) -> np.ndarray:
     """Mark the pixels of a depth image that are outside the range of the camera.
 
     Args:
@@ -38,7 +38,7 @@ def clip_depth(depth: np.ndarray, topics: DepthTopics) -> np.ndarray:
 class PointCloud:
     """Computes point clouds from the depth images of one camera."""
 
-    def __init__(self, rays: np.ndarray, topics: DepthTopics) -> None:
+    def __init__(self, rays: np.ndarray, topics: DepthDescription) -> None:
         """Prepare for images whose rays (H, W, 3) are the result of CameraSensor.compute_rays."""
         self._rays = rays
         self._topics = topics

@@ -11,8 +11,8 @@ import numpy as np
 
 from aras_visual_servo_base.poses import Pose, optical_pose
 
-from ..blending import blend_pose
 from ..errors import CameraError, RenderingError
+from ..pose_interpolation import blend_pose
 from ..rendering import View
 from ..rendering.tiles import Tiles, get_shared_tiles
 from . import formats
@@ -30,7 +30,7 @@ NEVER = (1 << 63) - 1  # time, ns, that is never reached; used while a camera wa
 
 
 @dataclass
-class SensorFrame:
+class CameraReading:
     """One frame of a camera.
 
     Attributes:
@@ -223,7 +223,7 @@ class CameraSensor:
         while self._compute_instant(self._index) + self._parts[0].offset_ns <= time_ns:
             self._index += 1
         self._previous_pose: tuple[int, np.ndarray] | None = None
-        self._pending_frames: deque[tuple[int, SensorFrame]] = deque()
+        self._pending_frames: deque[tuple[int, CameraReading]] = deque()
         self._pipeline.reset(exposure)
         self._depth_and_labels: tuple[np.ndarray, np.ndarray] | None = None
         self._part = 0
@@ -260,7 +260,7 @@ class CameraSensor:
         """Return whether `capture` must be called at the end of a step, `time_ns`."""
         return self.due_ns <= time_ns
 
-    def capture(self, world_T_link: np.ndarray, time_ns: int) -> SensorFrame | None:
+    def capture(self, world_T_link: np.ndarray, time_ns: int) -> CameraReading | None:
         """Render what is due at `time_ns`, and return the frame whose latency has passed, or None.
 
         Call this at the end of a physics step. `world_T_link` is the pose (4, 4) of the camera's
@@ -324,7 +324,7 @@ class CameraSensor:
         image = self._pipeline.read_out(light, stamp)
         depth, segmentation = self._depth_and_labels or (None, None)
         self._depth_and_labels = None
-        frame = SensorFrame(stamp, formats.widen(image, encoding), encoding,
+        frame = CameraReading(stamp, formats.widen(image, encoding), encoding,
                       depth if self.depth else None,
                       segmentation if self.segmentation else None)
         self._pending_frames.append((stamp + self._latency_ns, frame))

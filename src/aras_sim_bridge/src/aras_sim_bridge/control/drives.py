@@ -86,7 +86,7 @@ _LIMIT_EVENT, _INVALID_EVENT = _PATIENCE_NS + 1, _PATIENCE_NS + 1 + OCCURRENCE_C
 DRIVE_COLUMNS = _INVALID_EVENT + OCCURRENCE_COLUMNS
 
 
-class JointModel(Protocol):
+class SimulatedRobot(Protocol):
     """Methods of a simulated robot that RobotHardware uses; efforts are in N m or N."""
 
     joint_names: tuple[str, ...]
@@ -164,7 +164,7 @@ class Drive:
         if self.pid is not None:
             self.pid.reset()
 
-    def apply(self, model: JointModel, time_ns: int) -> None:
+    def apply(self, model: SimulatedRobot, time_ns: int) -> None:
         """Apply the output to the model."""
         name, output = self.handle.name, self.row.item(OUTPUT)
         if self.kind == SETS_POSITION:

@@ -14,7 +14,7 @@ from aras_sim_bridge.control.drives import (
     JOINT,
     SETS_POSITION,
     Drive,
-    JointModel,
+    SimulatedRobot,
     compute_outputs,
 )
 from aras_sim_bridge.control.joints import (
@@ -64,7 +64,7 @@ class RobotHardware:
     def __init__(
         self,
         description: RobotDescription,
-        model: JointModel,
+        model: SimulatedRobot,
         parameters: Mapping | None = None,
         namespace: str = "",
         warn: Callable[[str], None] = _ignore,

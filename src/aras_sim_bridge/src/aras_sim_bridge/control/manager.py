@@ -7,7 +7,7 @@ simulation is paused, a switch request therefore stays pending; no method waits 
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
-from aras_sim_bridge.control.controllers.base import Context, Controller
+from aras_sim_bridge.control.controllers.base import Controller, ControllerContext
 from aras_sim_bridge.control.controllers.registry import BASE_CLASS, ControllerTypes
 from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.control.switching import (
@@ -112,7 +112,7 @@ class ControllerManager:
             controller = self.registry.find(type_name, self._list_classes())()
             # Set the context here, because a user's `init` may omit the call of the base class's
             # `init`, which would set the context.
-            controller.context = context = Context(
+            controller.context = context = ControllerContext(
                 name, self.namespace, self.hardware.description, self.parameters, self._warn,
                 self._error,
             )

@@ -8,7 +8,7 @@ from aras_sim_bridge.description.types import (
     CameraDescription,
     CameraPlugin,
     LensDescription,
-    Noise,
+    PixelNoise,
 )
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.safe_xml import (
@@ -111,15 +111,17 @@ def _read_camera(sensor: Element, node: Element, name: str, link: str, where: st
     )
 
 
-def _read_noise(node: Element, where: str) -> Noise:
+def _read_noise(node: Element, where: str) -> PixelNoise:
     noise = node.find("noise")
     if noise is None:
-        return Noise()
+        return PixelNoise()
     stddev = parse_number(find_text(noise, "stddev"), f"{where}: noise stddev", 0.0)
     if stddev < 0.0:
         raise DescriptionError(f"{where}: noise stddev is {stddev}; it must not be negative")
     kind = find_text(noise, "type") or noise.get("type") or "gaussian"
-    return Noise(kind, parse_number(find_text(noise, "mean"), f"{where}: noise mean", 0.0), stddev)
+    return PixelNoise(
+        kind, parse_number(find_text(noise, "mean"), f"{where}: noise mean", 0.0), stddev
+    )
 
 
 def _read_distortion(

@@ -12,8 +12,8 @@ from aras_sim_bridge.description import (
     sensor_tags,
     supported_elements,
 )
-from aras_sim_bridge.description.assembly import JointInModel, find_links_between
 from aras_sim_bridge.description.geometry import Resolve, read_bounce
+from aras_sim_bridge.description.kinematic_tree import JointInModel, find_links_between
 from aras_sim_bridge.description.sdf_dialects import unify
 from aras_sim_bridge.description.types import (
     CameraDescription,

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description.types import GraspArm, GraspDescription, Link
+from aras_sim_bridge.description.types import GraspDescription, GripperDescription, Link
 from aras_visual_servo_base.safe_xml import (
     find_text,
     parse_bool,
@@ -42,9 +42,11 @@ def read(plugin: Element) -> GraspDescription:
     )
 
 
-def _read_arm(arm: Element) -> GraspArm:
+def _read_arm(arm: Element) -> GripperDescription:
     fingers = tuple((node.text or "").strip() for node in arm.findall("gripper_link"))
-    return GraspArm(find_text(arm, "arm_name") or "", find_text(arm, "palm_link") or "", fingers)
+    return GripperDescription(
+        find_text(arm, "arm_name") or "", find_text(arm, "palm_link") or "", fingers
+    )
 
 
 def check_grasps(grasps: list[GraspDescription], links: Mapping[str, Link], warnings: list[str]
@@ -63,7 +65,7 @@ def check_grasps(grasps: list[GraspDescription], links: Mapping[str, Link], warn
                      "forces need at least 90 degrees; increase it")
             warnings.append(f"{_WHERE} is ignored: {wrong}")
             continue
-        arms: dict[str, GraspArm] = {}
+        arms: dict[str, GripperDescription] = {}
         for arm in one.arms:
             problem, arm = _check_arm(arm, links, warnings)
             if arm.name in arms:
@@ -80,8 +82,8 @@ def check_grasps(grasps: list[GraspDescription], links: Mapping[str, Link], warn
     return whole
 
 
-def _check_arm(arm: GraspArm, links: Mapping[str, Link], warnings: list[str]
-             ) -> tuple[str, GraspArm]:
+def _check_arm(arm: GripperDescription, links: Mapping[str, Link], warnings: list[str]
+             ) -> tuple[str, GripperDescription]:
     """Return why an arm cannot grasp ('' if it can), and a copy of the arm.
 
     The copy has only those fingers that are links of the model.

@@ -10,7 +10,7 @@ from aras_sim_bridge.description import supported_elements
 from aras_sim_bridge.description.types import (
     CameraPlugin,
     ControlPlugin,
-    DepthTopics,
+    DepthDescription,
     GraspDescription,
     LinkAttacher,
     SensorDescription,
@@ -121,7 +121,7 @@ def _read_triggered_camera(plugin: Element, where: str) -> CameraPlugin:
     return replace(_read_camera(plugin, where), trigger_topic=topic)
 
 
-def _read_depth(plugin: Element, where: str, depth: DepthTopics) -> CameraPlugin:
+def _read_depth(plugin: Element, where: str, depth: DepthDescription) -> CameraPlugin:
     """Read the plug-in of a depth camera; `depth` contains the defaults for this plug-in."""
     made = _read_camera(plugin, where)
     nearest = parse_number(find_text(plugin, "pointCloudCutoff"), f"{where}: pointCloudCutoff", 0.4)
@@ -141,14 +141,14 @@ def _read_depth(plugin: Element, where: str, depth: DepthTopics) -> CameraPlugin
 
 
 def _read_depth_camera(plugin: Element, where: str) -> CameraPlugin:
-    return _read_depth(plugin, where, DepthTopics(rows=False))
+    return _read_depth(plugin, where, DepthDescription(rows=False))
 
 
 def _read_kinect(plugin: Element, where: str) -> CameraPlugin:
     farthest = parse_number(
         find_text(plugin, "pointCloudCutoffMax"), f"{where}: pointCloudCutoffMax", 5.0
     )
-    return _read_depth(plugin, where, DepthTopics(farthest=farthest))
+    return _read_depth(plugin, where, DepthDescription(farthest=farthest))
 
 
 def _read_sensor(plugin: Element, where: str, kind: str, **settings: object) -> SensorDescription:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description.assembly import WORLD, JointInModel
+from aras_sim_bridge.description.kinematic_tree import WORLD, JointInModel
 from aras_sim_bridge.description.sdf_dialects import MODEL_FRAME
 from aras_sim_bridge.description.sdf_poses import read_name, read_pose
 from aras_sim_bridge.errors import DescriptionError

@@ -17,15 +17,15 @@ from aras_sim_bridge.description import (
     sensor_tags,
     supported_elements,
 )
-from aras_sim_bridge.description.assembly import (
+from aras_sim_bridge.description.geometry import Resolve, read_bounce, read_sdf_geometry
+from aras_sim_bridge.description.inertia import make_inertial
+from aras_sim_bridge.description.kinematic_tree import (
     WORLD,
     JointInModel,
     KinematicTree,
     assemble,
     find_links_between,
 )
-from aras_sim_bridge.description.geometry import Resolve, read_bounce, read_sdf_geometry
-from aras_sim_bridge.description.inertia import make_inertial
 from aras_sim_bridge.description.ogre_materials import Appearance, Locate
 from aras_sim_bridge.description.sdf_joints import read_joints
 from aras_sim_bridge.description.sdf_poses import read_name, read_pose

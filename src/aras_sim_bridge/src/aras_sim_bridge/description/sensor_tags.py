@@ -125,8 +125,8 @@ def check_model_sensors(
             continue
         if made.kind == "wrench":
             child, frame_link = joints[made.joint].child, f"{made.joint}_frame"
-            # The joint's child may be a massless link that assembly.py inserted; its own child is
-            # the real link.
+            # The joint's child may be a massless link that kinematic_tree.py inserted; its own
+            # child is the real link.
             if child == frame_link and frame_link in joints:
                 child = joints[frame_link].child
             made = replace(made, link=child)

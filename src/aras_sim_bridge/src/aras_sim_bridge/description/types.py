@@ -125,7 +125,7 @@ class ControlPlugin:
 
 
 @dataclass(frozen=True)
-class Noise:
+class PixelNoise:
     """Noise of each pixel of a camera; 1.0 is the full scale of a pixel (255)."""
 
     kind: str = "none"
@@ -151,7 +151,7 @@ class LensDescription:
 
 
 @dataclass(frozen=True)
-class DepthTopics:
+class DepthDescription:
     """Depth output of a depth camera.
 
     Attributes:
@@ -195,7 +195,7 @@ class CameraPlugin:
     distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
     auto_distortion: bool = False
     trigger_topic: str = ""
-    depth: DepthTopics | None = None
+    depth: DepthDescription | None = None
 
 
 @dataclass(frozen=True)
@@ -223,7 +223,7 @@ class CameraDescription:
     format: str
     near: float
     far: float
-    noise: Noise = field(default_factory=Noise)
+    noise: PixelNoise = field(default_factory=PixelNoise)
     distortion: tuple[float, float, float, float, float] | None = None
     distortion_center: tuple[float, float] = (0.5, 0.5)
     lens: LensDescription | None = None
@@ -291,7 +291,7 @@ class SensorDescription:
 
 
 @dataclass(frozen=True)
-class GraspArm:
+class GripperDescription:
     """A gripper: `fingers` are the links that touch an object, which is then fixed to `palm`."""
 
     name: str
@@ -313,7 +313,7 @@ class GraspDescription:
         collides: whether a grasped object still collides with other bodies.
     """
 
-    arms: tuple[GraspArm, ...]
+    arms: tuple[GripperDescription, ...]
     angle: float
     rate: float
     most: int

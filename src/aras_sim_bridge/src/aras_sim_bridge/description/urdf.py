@@ -5,9 +5,9 @@ from types import MappingProxyType
 from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description import gazebo_tags, packages, supported_elements
-from aras_sim_bridge.description.assembly import WORLD, JointInModel, assemble
 from aras_sim_bridge.description.geometry import Resolve, read_urdf_geometry
 from aras_sim_bridge.description.inertia import make_inertial
+from aras_sim_bridge.description.kinematic_tree import WORLD, JointInModel, assemble
 from aras_sim_bridge.description.sdf_joints import NO_LIMIT
 from aras_sim_bridge.description.sdf_model import split_model
 from aras_sim_bridge.description.types import (

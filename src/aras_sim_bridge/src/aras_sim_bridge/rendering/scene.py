@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from aras_sim_bridge.blending import blend_poses
 from aras_sim_bridge.description import shapes
 from aras_sim_bridge.description.gazebo_materials import WHITE
 from aras_sim_bridge.description.types import Link, Rgba
 from aras_sim_bridge.errors import DescriptionError
+from aras_sim_bridge.pose_interpolation import blend_poses
 from aras_sim_bridge.world.labels import make_label
 from aras_visual_servo_base.meshes.mesh import Mesh
 

@@ -19,20 +19,20 @@ from aras_sim_bridge.sensors import (
     ContactReading,
     ImuReading,
     JointStateReading,
+    PeriodicSensor,
     PoseReading,
-    RateSensor,
     WrenchReading,
 )
 from aras_visual_servo_base.names import resolve_name
 
 
-def _fill_pose(message: Message, reading: PoseReading, sensor: RateSensor) -> None:
+def _fill_pose(message: Message, reading: PoseReading, sensor: PeriodicSensor) -> None:
     message.child_frame_id = sensor.description.link
     message.pose.pose, message.twist.twist = to_pose(reading.pose), to_twist(reading.twist)
     _fill_variances(sensor, 7, message.pose.covariance, message.twist.covariance)
 
 
-def _fill_imu(message: Message, reading: ImuReading, sensor: RateSensor) -> None:
+def _fill_imu(message: Message, reading: ImuReading, sensor: PeriodicSensor) -> None:
     message.orientation = Quaternion(*reading.orientation)
     message.angular_velocity = Vector3(*reading.angular_velocity)
     message.linear_acceleration = Vector3(*reading.linear_acceleration)
@@ -40,12 +40,12 @@ def _fill_imu(message: Message, reading: ImuReading, sensor: RateSensor) -> None
                message.linear_acceleration_covariance)
 
 
-def _fill_wrench(message: Message, reading: WrenchReading, _sensor: RateSensor) -> None:
+def _fill_wrench(message: Message, reading: WrenchReading, _sensor: PeriodicSensor) -> None:
     message.wrench.force = Vector3(*reading.force)
     message.wrench.torque = Vector3(*reading.torque)
 
 
-def _fill_contacts(message: Message, reading: ContactReading, _sensor: RateSensor) -> None:
+def _fill_contacts(message: Message, reading: ContactReading, _sensor: PeriodicSensor) -> None:
     stamp, count = to_time(reading.stamp_ns), len(reading.contacts)
     message.states = []
     for k, (names, points) in enumerate(reading.contacts.items()):
@@ -61,12 +61,14 @@ def _fill_contacts(message: Message, reading: ContactReading, _sensor: RateSenso
             depths=[point.depth for point in points]))
 
 
-def _fill_joint_states(message: Message, reading: JointStateReading, _sensor: RateSensor) -> None:
+def _fill_joint_states(
+    message: Message, reading: JointStateReading, _sensor: PeriodicSensor
+) -> None:
     message.name, message.position = list(reading.names), list(reading.positions)
     message.velocity = list(reading.velocities)
 
 
-def _fill_variances(sensor: RateSensor, step: int, *covariances: list[float]) -> None:
+def _fill_variances(sensor: PeriodicSensor, step: int, *covariances: list[float]) -> None:
     """Write the noise variance to the diagonals of covariance matrices.
 
     Each covariance matrix is square and stored row by row in a flat list. `step` is the number of
@@ -76,7 +78,7 @@ def _fill_variances(sensor: RateSensor, step: int, *covariances: list[float]) ->
         covariance[::step] = [sensor.description.noise**2] * len(covariance[::step])
 
 
-MESSAGES: dict[str, tuple[str, Callable[[Message, object, RateSensor], None]]] = {
+MESSAGES: dict[str, tuple[str, Callable[[Message, object, PeriodicSensor], None]]] = {
     "pose": ("nav_msgs/Odometry", _fill_pose),
     "imu": ("sensor_msgs/Imu", _fill_imu),
     "body_imu": ("sensor_msgs/Imu", _fill_imu),
@@ -89,7 +91,7 @@ MESSAGES: dict[str, tuple[str, Callable[[Message, object, RateSensor], None]]] =
 class SensorTopic(StateTopic):
     """Topic of one sensor; the sensor measures only while the topic has subscribers."""
 
-    def __init__(self, sensor: RateSensor, thread: SimulationThread) -> None:
+    def __init__(self, sensor: PeriodicSensor, thread: SimulationThread) -> None:
         """Advertise the topic.
 
         Raises:
@@ -115,7 +117,7 @@ class SensorTopic(StateTopic):
         super().__init__(topic, message_type, 1, sensor, fill, thread)
 
     @staticmethod
-    def _find_frame(sensor: RateSensor) -> str:
+    def _find_frame(sensor: PeriodicSensor) -> str:
         """Return the link whose axes the readings use if the plug-in specifies no frame."""
         description = sensor.description
         if description.wrench_frame == "parent":

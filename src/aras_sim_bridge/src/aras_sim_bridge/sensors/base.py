@@ -18,7 +18,7 @@ State = TypeVar("State")
 _BIAS, _NOISE = 0, 1
 
 
-class RateSensor(ABC, Generic[State]):
+class PeriodicSensor(ABC, Generic[State]):
     """Sensor that measures at a fixed rate of simulated time.
 
     The k-th reading is taken after the first step that ends at or after the time k / rate. With a

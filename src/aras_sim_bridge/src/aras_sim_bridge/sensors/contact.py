@@ -8,7 +8,7 @@ import numpy as np
 
 from aras_sim_bridge.description import SensorDescription
 from aras_sim_bridge.description.sensor_tags import is_same_collision
-from aras_sim_bridge.sensors.base import RateSensor
+from aras_sim_bridge.sensors.base import PeriodicSensor
 from aras_sim_bridge.world import Model, World
 from aras_sim_bridge.world.bullet import find_contacts
 from aras_visual_servo_base.poses import Vector3
@@ -45,7 +45,7 @@ class ContactReading:
     contacts: dict[tuple[str, str], list[ContactPoint]]
 
 
-class ContactSensor(RateSensor[None]):
+class ContactSensor(PeriodicSensor[None]):
     """Contact sensor of libgazebo_ros_bumper.so; the forces are those of the last physics step.
 
     Bullet reports contacts for each link, not for each collision. Therefore all contacts of a link

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from aras_sim_bridge.description import SensorDescription
-from aras_sim_bridge.sensors.base import RateSensor
+from aras_sim_bridge.sensors.base import PeriodicSensor
 from aras_sim_bridge.world import Model, World
 
 
@@ -19,7 +19,7 @@ class JointStateReading:
     velocities: tuple[float, ...]
 
 
-class JointStateSensor(RateSensor[None]):
+class JointStateSensor(PeriodicSensor[None]):
     """Sensor of exact joint positions and velocities; like the plug-in, it reports no efforts."""
 
     def __init__(self, description: SensorDescription, model: Model, world: World, seed: int

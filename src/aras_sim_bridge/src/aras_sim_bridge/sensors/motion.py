@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from aras_sim_bridge.description import SensorDescription
 from aras_sim_bridge.description.sensor_tags import WORLDS
-from aras_sim_bridge.sensors.base import RateSensor
+from aras_sim_bridge.sensors.base import PeriodicSensor
 from aras_sim_bridge.world import Model, World
 from aras_visual_servo_base.poses import (
     Pose,
@@ -47,7 +47,7 @@ class ImuReading:
     linear_acceleration: Vector3
 
 
-class PoseSensor(RateSensor[None]):
+class PoseSensor(PeriodicSensor[None]):
     """Pose sensor of libgazebo_ros_p3d.so.
 
     If its reference frame is the world, its readings are bit-identical to those of
@@ -77,7 +77,7 @@ class PoseSensor(RateSensor[None]):
         return PoseReading(time_ns, pose, Twist(*self._add_noise(*twist, time_ns)))
 
 
-class Imu(RateSensor[Vector3]):
+class Imu(PeriodicSensor[Vector3]):
     """IMU of libgazebo_ros_imu_sensor.so; at rest it measures g upwards, like a real IMU.
 
     The acceleration is an average over 1 / (sampling rate). The sampling rate may differ from the

@@ -13,7 +13,7 @@ import numpy as np
 
 from aras_sim_bridge.description import SensorDescription
 from aras_sim_bridge.description.inertia import inertia_tensor
-from aras_sim_bridge.sensors.base import RateSensor
+from aras_sim_bridge.sensors.base import PeriodicSensor
 from aras_sim_bridge.world import Model, World
 from aras_sim_bridge.world.bullet import find_contacts
 from aras_visual_servo_base.poses import Pose, Vector3
@@ -30,7 +30,7 @@ class WrenchReading:
     torque: Vector3
 
 
-class WrenchSensor(RateSensor[np.ndarray]):
+class WrenchSensor(PeriodicSensor[np.ndarray]):
     """Force/torque sensor of libgazebo_ros_ft_sensor.so.
 
     It measures the wrench that the child link exerts on the parent link through the joint, or, if

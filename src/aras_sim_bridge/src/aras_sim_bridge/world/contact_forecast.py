@@ -13,8 +13,15 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+from aras_sim_bridge.world.collision_filters import (
+    MARGIN,
+    Box,
+    HalfSpace,
+    can_meet,
+    compute_reach,
+    find_solids,
+)
 from aras_sim_bridge.world.model import Model
-from aras_sim_bridge.world.reach import MARGIN, Box, HalfSpace, can_meet, compute_reach, find_solids
 
 # Distance between the bounding boxes of two bodies below which they may touch in the next step, m.
 _CONTACT_DISTANCE = 0.02

@@ -18,7 +18,7 @@ from itertools import combinations
 
 import numpy as np
 
-from aras_sim_bridge.description.types import GraspArm, GraspDescription
+from aras_sim_bridge.description.types import GraspDescription, GripperDescription
 from aras_sim_bridge.world.attachments import Attachments, LinkPair
 from aras_sim_bridge.world.bullet import find_contacts, pybullet
 from aras_sim_bridge.world.model import Model
@@ -214,7 +214,7 @@ class GraspFix:
         if link in self._arms_by_link():
             return
         arms = [self._arm_of[finger] for finger in fingers]
-        arm: GraspArm = max(arms, key=arms.count)
+        arm: GripperDescription = max(arms, key=arms.count)
         if arm.name in self.grasped:
             return
         ends = LinkPair(self.model.name, arm.palm, *link)

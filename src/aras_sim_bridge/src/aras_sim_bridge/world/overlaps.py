@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from aras_sim_bridge.world.bullet import find_contacts, pybullet
+from aras_sim_bridge.world.collision_filters import disable_distant_pairs
 from aras_sim_bridge.world.model import Model
-from aras_sim_bridge.world.reach import disable_distant_pairs
 from aras_sim_bridge.world.world import World
 
 

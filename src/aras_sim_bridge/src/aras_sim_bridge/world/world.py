@@ -26,11 +26,11 @@ from aras_sim_bridge.world import bullet_files
 from aras_sim_bridge.world.attachments import Attachments
 from aras_sim_bridge.world.bullet import connect, pybullet, release_client, silence_output
 from aras_sim_bridge.world.checks import LARGEST, check_simulable
+from aras_sim_bridge.world.collision_filters import disable_distant_pairs
 from aras_sim_bridge.world.contact_forecast import ContactForecast
 from aras_sim_bridge.world.deep_contacts import DeepContacts
 from aras_sim_bridge.world.friction import ContactFriction
 from aras_sim_bridge.world.model import Model
-from aras_sim_bridge.world.reach import disable_distant_pairs
 from aras_sim_bridge.world.resting_base import FIXED_BASE_ARRAYS, RestingBases
 from aras_sim_bridge.world.sliding import SlidingFriction
 from aras_visual_servo_base.poses import IDENTITY, Pose, Twist, check_pose, check_vector

@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from aras_sim_bridge.camera import CameraConfig
-from aras_sim_bridge.camera.calibration_file import CALIBRATION_KEY as CALIBRATION
-from aras_sim_bridge.camera.calibration_file import apply_calibration
+from aras_sim_bridge.camera.calibration_loader import CALIBRATION_KEY as CALIBRATION
+from aras_sim_bridge.camera.calibration_loader import apply_calibration
 from aras_sim_bridge.camera.camera_file import read_camera
 from aras_sim_bridge.errors import CameraError
 from aras_visual_servo_base.names import suggest
 from aras_visual_servo_base.poses import LENGTH_UNITS, inverse, matrix_from_xyz_rpy, optical_pose
 from aras_visual_servo_base.setting_values import merge
 from aras_visual_servo_base.settings import check, parameter
-from aras_visual_servo_camera.errors import CalibrationError
+from aras_visual_servo_camera.errors import InvalidIntrinsicsError
 from aras_visual_servo_camera.undistortion import CameraModel, subdivide
 from aras_visual_servo_controller.observation.camera_rig import MAX_WAITING_IMAGES
 
@@ -128,7 +128,7 @@ class CalibrationOffset:
                 D,
                 true_camera.model,
             )
-        except CalibrationError as error:
+        except InvalidIntrinsicsError as error:
             raise ExperimentError(f"calibration_offset: {error}") from None
 
 

@@ -21,7 +21,7 @@ from ..targets.target_spec import MAX_TARGET_SIZE, TargetSpec, Vector2, check_ti
 from .cameras import HALF_TURN, MAX_DELAY, CalibrationOffset, CameraSpec, HandEyeSpec
 from .refused_parameters import check_names
 from .robots import RobotSpec
-from .starts import CameraPose, RelativeStart, Sampler
+from .starts import CameraPoseSpec, RandomStart, RelativeStart
 
 PLANTS = ("bullet", "chain", "free", "ideal")
 FREE_CAMERA_PLANTS = ("free", "ideal")
@@ -130,8 +130,8 @@ class Experiment(KeywordSettings):
     commands: when the controller sends commands. 'joint_states': with each joint state, as a ROS
         graph in real time. 'images': one command per image, as a ROS graph in lockstep; the delay
         is then rounded up to whole image periods.
-    start: name of a pose, joints (rad, m), a CameraPose, a Sampler, or a RelativeStart.
-    goal: name or path of a goal file; or joints or a CameraPose at which the goal is taught.
+    start: name of a pose, joints (rad, m), a CameraPoseSpec, a RandomStart, or a RelativeStart.
+    goal: name or path of a goal file; or joints or a CameraPoseSpec at which the goal is taught.
     scheme: name, class, or 'package.module:Class' of the scheme.
     law: name of the control law.
     gain: gain of the control law, 1/s; None: the default of the law.
@@ -172,10 +172,10 @@ class Experiment(KeywordSettings):
     jitter: float = parameter(0.0, "px", least=0.0)
     delay: float = parameter(0.015, "s", least=0.0, most=MAX_DELAY)
     commands: str = parameter("joint_states", choices=COMMANDS)
-    start: str | tuple[float, ...] | CameraPose | Sampler | RelativeStart = parameter(
+    start: str | tuple[float, ...] | CameraPoseSpec | RandomStart | RelativeStart = parameter(
         "2016", name=True
     )
-    goal: str | tuple[float, ...] | CameraPose = parameter("auto", name=True)
+    goal: str | tuple[float, ...] | CameraPoseSpec = parameter("auto", name=True)
     scheme: str = parameter("moments", name=True, importable=True, expected=CLASS_HINT)
     law: str = parameter("proportional", importable=True, expected=CLASS_HINT)
     gain: float | None = parameter(None, "1/s", above=0.0)
@@ -376,18 +376,18 @@ class Experiment(KeywordSettings):
         """Return the experiment with a RelativeStart replaced by the camera pose that it describes.
 
         Raises:
-            ExperimentError: the start is a RelativeStart, and the goal is not a CameraPose.
+            ExperimentError: the start is a RelativeStart, and the goal is not a CameraPoseSpec.
         """
         if not isinstance(self.start, RelativeStart):
             return self
         require(
-            isinstance(self.goal, CameraPose),
+            isinstance(self.goal, CameraPoseSpec),
             f"start.kind '{self.start.kind}' is relative to the goal pose: set goal to a pose",
         )
         poses = (
             matrix_from_xyz_rpy(pose[:3], pose[3:]) for pose in (self.goal.pose, self.target.pose)
         )
-        return self.with_changes(start=CameraPose(self.start.compute_pose(*poses, self.seed)))
+        return self.with_changes(start=CameraPoseSpec(self.start.compute_pose(*poses, self.seed)))
 
     def with_changes(self, **changes: Any) -> Experiment:
         """Return a copy of this experiment with some values changed.

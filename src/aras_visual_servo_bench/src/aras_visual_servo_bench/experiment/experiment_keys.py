@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from aras_visual_servo_base.names import suggest
-from aras_visual_servo_controller.settings import Settings
+from aras_visual_servo_controller.settings import ControllerSettings
 
 from ..errors import StudyError
 from .experiment import Experiment
@@ -22,7 +22,11 @@ def find_unit(key: str) -> str:
     on other settings: `start.turn` is in rad or in degrees, depending on the type of the start.
     """
     head, _, rest = key.partition(".")
-    kind, path = (Settings, rest) if head == "controller_parameters" and rest else (Experiment, key)
+    kind, path = (
+        (ControllerSettings, rest)
+        if head == "controller_parameters" and rest
+        else (Experiment, key)
+    )
     try:
         found = _find_fields(path, kind)
     # A study can give its list of cases any name, so `key` may be this name and not a setting.

@@ -11,7 +11,7 @@ from aras_visual_servo_base.urdf import read_robot_name
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.parameters import MARKER_TRACKER
-from aras_visual_servo_controller.settings import Settings
+from aras_visual_servo_controller.settings import ControllerSettings
 
 from ..errors import ExperimentError, require
 from ..targets.target_factory import find_tracker, is_solid
@@ -32,7 +32,7 @@ IDEAL_CAMERA_SETTINGS: dict[str, Any] = {
 }
 
 
-def make_loop_settings(experiment: Experiment, robot: Robot | None = None) -> Settings:
+def make_loop_settings(experiment: Experiment, robot: Robot | None = None) -> ControllerSettings:
     """Return the parameters of the controller node for an experiment.
 
     The parameter `start` is 'none', because the plant already is at its start.
@@ -75,7 +75,7 @@ def make_loop_settings(experiment: Experiment, robot: Robot | None = None) -> Se
         if camera.target is not None and "tracker" not in experiment.controller_parameters:
             _check_tracker(name, experiment.target, camera.target)
     try:
-        settings = Settings.from_mapping(given, package)
+        settings = ControllerSettings.from_mapping(given, package)
         if experiment.plant in FREE_CAMERA_PLANTS or robot is None:
             return settings
         return settings.for_robot(read_robot_name(robot.urdf), given)
@@ -114,7 +114,7 @@ def _make_tracker_settings(target: TargetSpec) -> dict[str, Any]:
     return {"model": mesh, "model_start": {"pose": list(target.pose)}}
 
 
-def load_named_goal(experiment: Experiment, settings: Settings) -> Goal:
+def load_named_goal(experiment: Experiment, settings: ControllerSettings) -> Goal:
     """Load the goal that the experiment gives by name or path.
 
     Raises:

@@ -11,12 +11,12 @@ from aras_visual_servo_base.yaml_files import parse_yaml
 
 from ..errors import StudyError
 from .cameras import DEFAULT_PRESET, PRESET_KEY
-from .starts import CameraPose, RelativeStart, Sampler
+from .starts import CameraPoseSpec, RandomStart, RelativeStart
 
 CAMERAS_KEY = "cameras"
 # Keys of an experiment whose values are objects of the classes in PLACE_TYPES.
 PLACE_KEYS = ("start", "goal")
-PLACE_TYPES = (CameraPose, Sampler, RelativeStart)
+PLACE_TYPES = (CameraPoseSpec, RandomStart, RelativeStart)
 
 
 def parse_overrides(arguments: Iterable[str]) -> dict[str, Any]:

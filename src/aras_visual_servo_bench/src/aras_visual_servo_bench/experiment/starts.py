@@ -19,7 +19,7 @@ Vector3 = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class Sampler:
+class RandomStart:
     """Random start with the complete target in view, drawn with the seed of the experiment.
 
     height: minimum and maximum height of the camera above the target, m.
@@ -54,7 +54,7 @@ class Sampler:
 
 
 @dataclass(frozen=True)
-class CameraPose:
+class CameraPoseSpec:
     """Pose of the camera's optical frame in the world: x, y, z (m), roll, pitch, yaw (rad)."""
 
     pose: PoseValues

@@ -10,14 +10,14 @@ from aras_sim_bridge.camera.config import CameraConfig
 from aras_sim_bridge.camera.effects import Effects
 from aras_visual_servo_base.settings import get_default
 from aras_visual_servo_controller.parameters import TRACKER_PARAMETERS
-from aras_visual_servo_controller.settings import Settings
+from aras_visual_servo_controller.settings import ControllerSettings
 
 from ..errors import ExperimentError, require
 from .cameras import CameraSetup
 from .experiment import FREE_CAMERA_PLANTS, Experiment, IdealSpec
 from .loop_settings import FREE_CAMERA_SETTINGS
 
-PARAMETERS = Settings.__dataclass_fields__
+PARAMETERS = ControllerSettings.__dataclass_fields__
 # Controller parameters that act only on the joints of an arm, and those that act on commanded
 # coordinates, which plant 'ideal' does not have.
 ARM_PARAMETERS = ("damping", "elbow", "joints", "singularity_avoidance", "stiffness")

@@ -30,7 +30,7 @@ from aras_visual_servo_controller.observation.observation import Need, Observati
 from aras_visual_servo_controller.schemes import Scheme, SchemeOutput
 
 from ..errors import ViewError
-from ..experiment.experiment import Sampler
+from ..experiment.experiment import RandomStart
 from .regressor import Regressor, fit_network, run_training
 
 SERVOED_DIRECTIONS = (True, True, True, False, False, True)
@@ -134,7 +134,7 @@ class LearnedScheme(Scheme):
         )
 
 
-TRAINING_STARTS = Sampler(height=(0.15, 0.5), side=0.1)
+TRAINING_STARTS = RandomStart(height=(0.15, 0.5), side=0.1)
 
 
 def make_training_data(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:

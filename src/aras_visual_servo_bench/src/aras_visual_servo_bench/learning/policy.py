@@ -31,7 +31,7 @@ from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.observation.observation import Need, Observation
 
 from ..errors import ExperimentError
-from ..experiment.experiment import Experiment, Sampler
+from ..experiment.experiment import Experiment, RandomStart
 from ..runner.environment import ENVIRONMENT, MAX_TWIST
 from .learned import GoalPoseNetwork, LearnedScheme, compute_errors
 from .learned_pose import relu, shrink_image
@@ -39,7 +39,7 @@ from .regressor import fit_network
 
 COLUMNS, ROWS = 40, 30  # size of the network's input image, px
 HIDDEN_LAYERS = (192, 96)
-TRAINING_STARTS = Sampler(height=(0.15, 0.4), side=0.1, turn=np.radians(45.0))
+TRAINING_STARTS = RandomStart(height=(0.15, 0.4), side=0.1, turn=np.radians(45.0))
 # Experiment of a training episode: the simulated arm in front of the demo's target, for up to 4 s.
 TRAINING_EXPERIMENT = Experiment(
     plant="bullet", start=TRAINING_STARTS, duration=4.0, time_after_convergence=None, delay=0.0

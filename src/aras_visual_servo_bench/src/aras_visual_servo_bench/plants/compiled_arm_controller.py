@@ -10,7 +10,7 @@ import numpy as np
 
 from aras_sim_bridge.control.controllers.joint_loops import set_loop_commands
 from aras_sim_bridge.control.joints import HANDLE_COLUMNS, Q, V
-from aras_sim_bridge.cycle import ALL_MADE, CYCLE_TYPES, PHYSICS_TYPES, run_cycles
+from aras_sim_bridge.control_cycle import ALL_MADE, CYCLE_TYPES, PHYSICS_TYPES, run_cycles
 from aras_visual_servo_base.compiled import jit
 from aras_visual_servo_controller.observation.frame import NANOSECONDS
 from aras_visual_servo_controller.runner.compiled_updates import (

@@ -84,7 +84,7 @@ class TargetModel:
 
 
 @dataclass(frozen=True, eq=False)
-class TrackedLink:
+class TargetLink:
     """Target that is a link of a model in the world; the plant adds its poses to `pose_history`."""
 
     model: str
@@ -110,7 +110,7 @@ class DynamicArm(Plant):
         other_cameras: Mapping[str, Mapping[str, Any]] = NO_CAMERAS,
         exposure: str = EXPOSURES[0],
         labelled_link: str = "",
-        tracked_link: TrackedLink | None = None,
+        tracked_link: TargetLink | None = None,
     ) -> None:
         """Spawn the robot and start its controllers and cameras.
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from aras_visual_servo_camera.errors import CalibrationError
+from aras_visual_servo_camera.errors import InvalidIntrinsicsError
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import MeasurementError
@@ -133,7 +133,7 @@ class MessageRunBuilder:
 
     def _find_camera(self) -> CameraModel | None:
         # ignore invalid intrinsics, because the camera node has already reported them
-        with contextlib.suppress(CalibrationError):
+        with contextlib.suppress(InvalidIntrinsicsError):
             return (
                 None
                 if self._recording.info is None

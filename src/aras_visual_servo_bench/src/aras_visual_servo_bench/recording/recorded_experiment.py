@@ -19,7 +19,7 @@ from aras_visual_servo_controller.errors import ServoError
 from aras_visual_servo_controller.features.base import DepthFraction
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.kinematics import Arm
-from aras_visual_servo_controller.settings import Settings
+from aras_visual_servo_controller.settings import ControllerSettings
 
 from ..errors import BenchError, ExperimentError
 from ..experiment.experiment import Experiment
@@ -98,7 +98,7 @@ class RecordedExperiment:
         return str(self.content.get("parameters", {}).get(name, ""))
 
     @cached_property
-    def settings(self) -> Settings | None:
+    def settings(self) -> ControllerSettings | None:
         """Settings of the control loop in the recorded controller node."""
         if not self.content:
             return None
@@ -106,7 +106,7 @@ class RecordedExperiment:
 
         package = Path(PackagePath().find("aras_visual_servo_controller"))
         with self._note_errors("the recorded parameters cannot be used"):
-            settings = Settings.from_mapping(self.controller, package)
+            settings = ControllerSettings.from_mapping(self.controller, package)
             return settings.for_robot(read_robot_name(self.urdf), self.controller)
         return None
 
@@ -152,10 +152,10 @@ class RecordedExperiment:
         Args:
             scheme: name of the scheme.
             count: number of features in the bag."""
-        settings = self.settings or Settings()
+        settings = self.settings or ControllerSettings()
         with self._note_errors("units of the features are unknown"):
             instance = settings.make_scheme() if settings.scheme == scheme else \
-                Settings(scheme=scheme).make_scheme()
+                ControllerSettings(scheme=scheme).make_scheme()
             if self.goal is not None:
                 instance.check(self.goal)
             if len(instance.units) == count:

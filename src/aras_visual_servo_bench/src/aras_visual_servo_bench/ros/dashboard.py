@@ -57,7 +57,7 @@ class Dashboard:
             robot: name of the robot's model in the simulator.
             directory: folder for goals, bags and reports.
         """
-        from ..web.live.page import Page
+        from ..web.live.page_state import PageState
         from .image_subscriber import ImageSubscriber
         from .page_commands import PageCommands
         from .session_files import SessionFiles
@@ -65,7 +65,7 @@ class Dashboard:
         from .teleoperator import Teleoperator
 
         settings = listener.settings
-        self.page, self._listener = Page(), listener
+        self.page, self._listener = PageState(), listener
         self._commands = PageCommands(listener, settings, directory, robot)
         self._session_files, self._target = SessionFiles(directory), TargetWatch()
         self._session_files.check_recording = self._check_time

@@ -15,11 +15,11 @@ from aras_visual_servo_base.names import suggest
 from aras_visual_servo_base.poses import xyz_rpy_from_matrix
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.settings import Settings
+from aras_visual_servo_controller.settings import ControllerSettings
 
 from ..errors import ExperimentError
 from ..experiment.cameras import HandEyeSpec, read_preset
-from ..experiment.experiment import CameraPose, Experiment
+from ..experiment.experiment import CameraPoseSpec, Experiment
 from ..experiment.packages import PackagePath
 from ..experiment.robots import Robot, RobotSpec
 from ..targets.shapes import SHAPES
@@ -159,7 +159,7 @@ def _check(arguments: argparse.Namespace) -> None:
         if value := getattr(arguments, name):
             parameters[name] = value
     package = Path(packages.find("aras_visual_servo_controller"))
-    settings = Settings.from_mapping(parameters, package)
+    settings = ControllerSettings.from_mapping(parameters, package)
     settings.make_scheme()
     goal = settings.load_goal()
     has_goal = arguments.target in (PLATES, NO_TARGET) or arguments.target.endswith(
@@ -260,8 +260,8 @@ def _teach_goal(arguments: argparse.Namespace, goal: Goal) -> Goal:
     xyz, rpy = xyz_rpy_from_matrix(goal.for_arm(robot.make_arm()).world_T_camera)
     experiment = Experiment(
         robot=spec, target=TargetSpec(arguments.target, size, TARGET_POSE), camera=arguments.camera,
-        goal=CameraPose((*xyz, *rpy)), start=CameraPose((*xyz, *rpy)), scheme=arguments.scheme,
-        hand_eye=hand_eye, **camera_offset,
+        goal=CameraPoseSpec((*xyz, *rpy)), start=CameraPoseSpec((*xyz, *rpy)),
+        scheme=arguments.scheme, hand_eye=hand_eye, **camera_offset,
     )  # fmt: skip
     parts = assemble(experiment)
     parts.plant.close()

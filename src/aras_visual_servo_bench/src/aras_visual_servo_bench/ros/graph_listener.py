@@ -30,10 +30,10 @@ from aras_visual_servo_controller.records.state import ServoState as State
 from aras_visual_servo_controller.ros.description import DescriptionWatch
 from aras_visual_servo_controller.ros.node_settings import find_package_folder
 from aras_visual_servo_controller.ros.read_back import read_state
-from aras_visual_servo_controller.settings import Settings
+from aras_visual_servo_controller.settings import ControllerSettings
 
-from ..drawing.run_trace import NO_STATE, RunTrace
-from ..drawing.track import RealTimeFactor
+from ..visualization.run_trace import NO_STATE, RunTrace
+from .real_time_factor import RealTimeFactor
 
 # Time without a joint state after which the real-time factor is unknown, s of wall time.
 SILENCE_TIMEOUT = 2.0
@@ -61,7 +61,7 @@ class GraphListener:
         joints_topic: topic of the joint states.
     """
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: ControllerSettings) -> None:
         """Subscribe to the robot's topics.
 
         settings: settings of the controller, which define the names of the topics.
@@ -234,7 +234,7 @@ class GraphListener:
             self._camera = CameraModel.from_message(message)
 
 
-def make_listener_settings(parameters: dict[str, object]) -> Settings:
+def make_listener_settings(parameters: dict[str, object]) -> ControllerSettings:
     """Return the settings of the controller whose topics a node subscribes to.
 
     parameters: parameters of this node.
@@ -242,4 +242,4 @@ def make_listener_settings(parameters: dict[str, object]) -> Settings:
     Raises:
         ConfigurationError: a parameter is invalid.
     """
-    return Settings.from_mapping(parameters, find_package_folder())
+    return ControllerSettings.from_mapping(parameters, find_package_folder())

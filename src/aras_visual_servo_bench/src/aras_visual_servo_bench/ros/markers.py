@@ -10,7 +10,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_ros.shutdown import iterate_at_period, node_main
 
-from ..drawing.shapes import ARROW, FACES, LINES, STRIP, TEXT, Shape
+from ..visualization.shapes import ARROW, FACES, LINES, STRIP, TEXT, Shape
 from .graph_listener import GraphListener, make_listener_settings
 from .target_watch import TargetWatch
 

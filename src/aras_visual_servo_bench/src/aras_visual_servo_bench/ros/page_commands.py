@@ -30,7 +30,7 @@ from aras_visual_servo_controller.errors import ConfigurationError, ServoError
 from aras_visual_servo_controller.goals.goal import REACH_TOLERANCE, Goal
 from aras_visual_servo_controller.laws import LAWS
 from aras_visual_servo_controller.schemes import SCHEMES
-from aras_visual_servo_controller.settings import Settings
+from aras_visual_servo_controller.settings import ControllerSettings
 
 from ..errors import RefusedError, catch_write_errors
 from ..recording.recorded_experiment import find_preset
@@ -58,7 +58,7 @@ class PageCommands:
     reason.
     """
 
-    def __init__(self, listener: GraphListener, settings: Settings, directory: Path,
+    def __init__(self, listener: GraphListener, settings: ControllerSettings, directory: Path,
                  robot: str) -> None:  # fmt: skip
         """Create the commands for a robot.
 

@@ -12,8 +12,8 @@ from geometry_msgs.msg import PoseStamped
 from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.ros.conversions import from_pose
 
-from ..drawing.model_drawing import EMPTY_DRAWING, ModelDrawing, draw_model
-from ..drawing.run_trace import RunTrace
+from ..visualization.model_drawing import EMPTY_DRAWING, ModelDrawing, draw_model
+from ..visualization.run_trace import RunTrace
 from .target_pose_reader import TARGET, TOPIC, TargetPoseReader
 
 TARGET_DESCRIPTION = "/target_description"

@@ -10,8 +10,8 @@ import rospy
 
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.kinematics import DifferentialIK
-from aras_visual_servo_controller.ros.commands import CommandTopics, stop_controller
-from aras_visual_servo_controller.settings import Settings
+from aras_visual_servo_controller.ros.command_publishers import CommandPublishers, stop_controller
+from aras_visual_servo_controller.settings import ControllerSettings
 from aras_visual_servo_controller.teleop.jog import Jog
 
 from ..errors import RefusedError
@@ -23,11 +23,11 @@ PERIOD = 0.02  # time between two commands, s of wall time
 class Teleoperator:
     """Moves the arm of one robot for a short time after each request of the page."""
 
-    def __init__(self, listener: GraphListener, settings: Settings) -> None:
+    def __init__(self, listener: GraphListener, settings: ControllerSettings) -> None:
         self._listener, self._settings = listener, settings
         self._lock = threading.Lock()
         self._jog: Jog | None = None
-        self._topics: CommandTopics | None = None
+        self._topics: CommandPublishers | None = None
         self._wake = threading.Event()
         threading.Thread(target=self._run, name="teleoperator", daemon=True).start()
 
@@ -78,7 +78,7 @@ class Teleoperator:
             settings = self._settings.for_robot(self._listener.robot_name, ())
             limits = settings.make_limits(trace.arm)
             try:
-                topics = CommandTopics(settings, trace.arm.names, "position")
+                topics = CommandPublishers(settings, trace.arm.names, "position")
             except ConfigurationError as error:
                 raise RefusedError(str(error)) from None
             with self._lock:

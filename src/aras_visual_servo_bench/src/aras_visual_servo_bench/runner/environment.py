@@ -14,13 +14,13 @@ from aras_visual_servo_base.names import suggest
 from aras_visual_servo_base.poses import relative_pose
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.kinematics.task import Task
-from aras_visual_servo_controller.observation.image_reader import ImageReader
+from aras_visual_servo_controller.observation.feature_extractor import FeatureExtractor
 from aras_visual_servo_controller.observation.observation import Observation
 from aras_visual_servo_controller.records.state import CONVERGED
 from aras_visual_servo_controller.schemes import JointController, Scheme, SchemeOutput
 
 from ..errors import ExperimentError
-from ..experiment.experiment import Experiment, Sampler
+from ..experiment.experiment import Experiment, RandomStart
 from ..setup.assembly import assemble
 from .loop import Loop
 
@@ -130,7 +130,7 @@ class ServoEnv(gymnasium.Env):
                 is 'image' but the experiment has no images.
         """
         if experiment is None:
-            experiment = Experiment(plant="free", lag=0.0, delay=0.0, start=Sampler())
+            experiment = Experiment(plant="free", lag=0.0, delay=0.0, start=RandomStart())
         if observes not in OBSERVATIONS:
             raise ExperimentError(f"observes is '{observes}': {suggest(observes, OBSERVATIONS)}")
         self._observes_images = observes == "image"
@@ -184,7 +184,7 @@ class ServoEnv(gymnasium.Env):
         reading = self.loop.reading
         if reading is None or not reading.has_image:
             return None
-        return ImageReader.decode_image(reading).rgb
+        return FeatureExtractor.decode_image(reading).rgb
 
     def close(self) -> None:
         """Release the resources of the plant, the simulated arm or camera."""
@@ -216,7 +216,7 @@ class ServoEnv(gymnasium.Env):
 
     def _make_observation(self) -> np.ndarray:
         if self._observes_images:
-            return ImageReader.decode_image(self.loop.reading).grey
+            return FeatureExtractor.decode_image(self.loop.reading).grey
         return np.concatenate([self._error, self.loop.plant.read_joints()[0]])
 
     def _make_info(self) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from aras_visual_servo_base.poses import inverse
 from aras_visual_servo_controller.observation.frame import NANOSECONDS, Frame, to_seconds
 from aras_visual_servo_controller.records.remedy import Remedy
 from aras_visual_servo_controller.records.run_record import Record
-from aras_visual_servo_controller.records.state import CONVERGED, Command, ServoState
+from aras_visual_servo_controller.records.state import CONVERGED, JointCommand, ServoState
 from aras_visual_servo_controller.runner.loop_runner import LoopRunner
 
 from ..errors import log_once
@@ -161,7 +161,7 @@ class Loop:
         if on_joint_state is None:
             self.plant.attach_loop(self._driver, self._recorder, self._find_end)
 
-    def send(self, command: Command) -> None:
+    def send(self, command: JointCommand) -> None:
         """Send a command to the joints of the plant.
 
         The plant 'ideal' has no joints; `report` sends it the camera twist instead.

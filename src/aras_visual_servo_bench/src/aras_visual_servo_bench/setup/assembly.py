@@ -18,7 +18,7 @@ from aras_visual_servo_controller.errors import ConfigurationError, ServoError, 
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.goals.starts import find_start_joints
 from aras_visual_servo_controller.kinematics import Arm
-from aras_visual_servo_controller.kinematics.limits import check_within_limits
+from aras_visual_servo_controller.kinematics.command_limits import check_within_limits
 from aras_visual_servo_controller.loop.servo import Servo
 from aras_visual_servo_controller.observation.camera_rig import (
     CameraKinematics,
@@ -28,11 +28,11 @@ from aras_visual_servo_controller.observation.camera_rig import (
 from aras_visual_servo_controller.observation.feature_observer import observe
 from aras_visual_servo_controller.observation.frame import Frame
 from aras_visual_servo_controller.observation.observation import Need, Observation
-from aras_visual_servo_controller.settings import Settings
+from aras_visual_servo_controller.settings import ControllerSettings
 
 from ..errors import ExperimentError, ViewError, log_once
 from ..experiment.cameras import CameraSetup
-from ..experiment.experiment import CameraPose, Experiment, Sampler
+from ..experiment.experiment import CameraPoseSpec, Experiment, RandomStart
 from ..experiment.loop_settings import load_named_goal
 from ..plants.base import CameraPlacement, Plant
 from ..plants.free_body import FreeBody
@@ -65,7 +65,7 @@ class Assembly:
     """
 
     plant: Plant
-    settings: Settings
+    settings: ControllerSettings
     servo: Servo
     rig: CameraRig
     cameras: Mapping[str, CameraSetup]
@@ -157,7 +157,7 @@ def check(experiment: Experiment) -> None:
     context = read_context(experiment)
     try:
         check_scheme(context)
-        if not isinstance(context.experiment.start, Sampler | CameraPose):
+        if not isinstance(context.experiment.start, RandomStart | CameraPoseSpec):
             read_start_joints(context)
         location = read_goal(context)
         if location.loaded_goal is None:
@@ -189,7 +189,7 @@ def read_goal(context: SetupContext) -> GoalLocation:
         ExperimentError: the goal file contains neither joint positions nor a camera pose.
     """
     setting, arm = context.experiment.goal, context.arm
-    if isinstance(setting, CameraPose):
+    if isinstance(setting, CameraPoseSpec):
         return GoalLocation(matrix_from_xyz_rpy(setting.pose[:3], setting.pose[3:]), {})
     if not isinstance(setting, str):
         joints = _read_goal_joints(context)
@@ -391,7 +391,7 @@ def find_start(
     goal_joints: joint positions (n,) at the goal; None: not known.
     """
     start = context.experiment.start
-    if isinstance(start, Sampler):
+    if isinstance(start, RandomStart):
         from .sampling import draw_start
 
         near = find_joints(postures, goal_pose)
@@ -403,7 +403,7 @@ def find_start(
              for n in list(context.needs)[1:]],
             None if postures is None else postures.find_collision,
         )  # fmt: skip
-    if isinstance(start, CameraPose):
+    if isinstance(start, CameraPoseSpec):
         pose = matrix_from_xyz_rpy(start.pose[:3], start.pose[3:])
         return (
             arm.coordinates(pose)
@@ -437,8 +437,8 @@ def check_postures(
     if postures is None or goal is None:
         return ()
     notes = postures.list_faults(goal, "goal", is_given)
-    if not isinstance(context.experiment.start, Sampler):
-        by_joints = not isinstance(context.experiment.start, CameraPose)
+    if not isinstance(context.experiment.start, RandomStart):
+        by_joints = not isinstance(context.experiment.start, CameraPoseSpec)
         notes += postures.list_faults(start, "start", by_joints)
     for note in notes:
         log_once(note)

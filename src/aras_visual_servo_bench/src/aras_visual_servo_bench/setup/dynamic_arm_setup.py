@@ -15,7 +15,7 @@ from ..experiment.added_links import MountedTarget
 from ..experiment.experiment import Experiment
 from ..experiment.robots import TARGET_LINK_PREFIX
 from ..experiment.worlds import read_surroundings
-from ..plants.dynamic_arm import OCCLUDER, TARGET, DynamicArm, TargetModel, TrackedLink
+from ..plants.dynamic_arm import OCCLUDER, TARGET, DynamicArm, TargetLink, TargetModel
 from ..targets.files import OCCLUDER_HEIGHT, write_description, write_occluder
 from .imaging_setup import make_imaging_settings, make_rendered_settings
 from .setup_context import SetupContext
@@ -81,7 +81,7 @@ def make_dynamic_arm(
         {name: make_rendered_settings(context, camera, is_teaching)
          for name, camera in context.cameras.items() if camera is not control},
         experiment.sun.exposure, context.labelled_link,
-        None if is_teaching or not spec.model else TrackedLink(
+        None if is_teaching or not spec.model else TargetLink(
             spec.model, spec.link, context.experiment_target.pose_history
         ),
     )  # fmt: skip

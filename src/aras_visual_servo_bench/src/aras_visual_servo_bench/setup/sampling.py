@@ -14,7 +14,7 @@ from aras_visual_servo_controller.kinematics.algebra import solve_least_squares
 
 from ..errors import ExperimentError, ViewError
 from ..experiment.cameras import is_in_view
-from ..experiment.experiment import Sampler
+from ..experiment.experiment import RandomStart
 from ..plants.base import CameraPlacement
 from ..plants.free_body import FreeBody
 from ..targets.geometry import PlacedTarget
@@ -37,7 +37,7 @@ DAMPING = 1e-3
 
 
 def draw_start(
-    sampler: Sampler,
+    sampler: RandomStart,
     arm: Arm | FreeBody,
     goal_pose: np.ndarray,
     goal_joints: np.ndarray,
@@ -153,7 +153,7 @@ def _find_joints(
 
 
 def draw_pose(
-    sampler: Sampler, goal_pose: np.ndarray, middle: np.ndarray, random: np.random.Generator
+    sampler: RandomStart, goal_pose: np.ndarray, middle: np.ndarray, random: np.random.Generator
 ) -> tuple[np.ndarray, float]:
     """Draw a random camera pose within the sampler's ranges.
 

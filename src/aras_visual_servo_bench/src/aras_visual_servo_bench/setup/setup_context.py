@@ -12,7 +12,7 @@ from aras_visual_servo_controller.kinematics import Arm
 from aras_visual_servo_controller.observation.frame import Frame
 from aras_visual_servo_controller.observation.observation import Need
 from aras_visual_servo_controller.schemes import JointController, Scheme
-from aras_visual_servo_controller.settings import Settings
+from aras_visual_servo_controller.settings import ControllerSettings
 
 from ..experiment.cameras import CameraSetup
 from ..experiment.experiment import FREE_CAMERA_PLANTS, Experiment
@@ -50,7 +50,7 @@ class SetupContext:
 
     experiment: Experiment
     robot: Robot
-    settings: Settings
+    settings: ControllerSettings
     scheme: Scheme | JointController
     arm: Arm
     cameras: Mapping[str, CameraSetup]

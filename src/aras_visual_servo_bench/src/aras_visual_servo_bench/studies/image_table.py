@@ -18,8 +18,8 @@ import numpy as np
 import pyarrow as pa
 
 from aras_visual_servo_base.poses import inverse
+from aras_visual_servo_controller.observation.feature_extractor import FeatureExtractor
 from aras_visual_servo_controller.observation.frame import NANOSECONDS, Frame
-from aras_visual_servo_controller.observation.image_reader import ImageReader
 from aras_visual_servo_controller.observation.observation import CAMERA
 
 from ..errors import StudyError
@@ -236,7 +236,7 @@ def _find_cameras(study: Study) -> tuple[str, ...]:
 def _encode_image(reading: Frame) -> bytes | None:
     if reading.image is None:
         return None
-    image = ImageReader.decode_image(reading)
+    image = FeatureExtractor.decode_image(reading)
     return _encode_png(image.rgb[..., ::-1] if image.has_colour else image.grey)
 
 

@@ -12,14 +12,14 @@ from aras_visual_servo_base.poses import exponential, logarithm, relative_pose, 
 from aras_visual_servo_controller.errors import UnreachableError
 from aras_visual_servo_controller.goals.goal import REACH_TOLERANCE
 from aras_visual_servo_controller.records.remedy import Change, Remedy
-from aras_visual_servo_controller.settings import Settings
+from aras_visual_servo_controller.settings import ControllerSettings
 
 from ..errors import ExperimentError
 from ..experiment.experiment import (
     FREE_CAMERA_PLANTS,
-    CameraPose,
+    CameraPoseSpec,
     Experiment,
-    Sampler,
+    RandomStart,
 )
 from ..experiment.loop_settings import make_loop_settings
 from ..experiment.overrides import with_override
@@ -66,7 +66,7 @@ def _to_experiment_key(key: str) -> str:
     head = key.partition(".")[0]
     if head in {f.name for f in fields(Experiment)}:
         return key
-    if head in {f.name for f in fields(Settings)}:
+    if head in {f.name for f in fields(ControllerSettings)}:
         return f"controller_parameters.{key}"
     raise ExperimentError(f"an experiment has no key '{key}'")
 
@@ -148,7 +148,7 @@ def _scale_start(experiment: Experiment, factor: float) -> Experiment:
     """
     parts = assemble(experiment)
     try:
-        if isinstance(experiment.start, Sampler):
+        if isinstance(experiment.start, RandomStart):
             return experiment.with_changes(start=_scale_sampler(experiment.start, parts, factor))
         if experiment.plant in FREE_CAMERA_PLANTS:
             offset = logarithm(relative_pose(parts.goal_pose, parts.plant.read_pose()))
@@ -164,12 +164,12 @@ def _scale_start(experiment: Experiment, factor: float) -> Experiment:
         parts.plant.close()
 
 
-def _scale_sampler(sampler: Sampler, parts: Assembly, factor: float) -> Sampler:
+def _scale_sampler(sampler: RandomStart, parts: Assembly, factor: float) -> RandomStart:
     """Return a sampler of starts with its maximum offsets from the goal multiplied by a factor."""
     target = parts.target.world_T_target(0.0)
     goal_height = float(parts.goal_pose[2, 3] - target[2, 3])
     low, high = (goal_height + factor * (height - goal_height) for height in sampler.height)
-    return Sampler(
+    return RandomStart(
         (low, high), factor * sampler.side, factor * sampler.turn, factor * sampler.tilt,
         sampler.margin, sampler.attempts,
     )  # fmt: skip
@@ -196,9 +196,9 @@ def _scale_goal(experiment: Experiment, factor: float) -> Experiment:
         parts.plant.close()
 
 
-def _make_camera_pose(world_T_camera: np.ndarray) -> CameraPose:
+def _make_camera_pose(world_T_camera: np.ndarray) -> CameraPoseSpec:
     xyz, rpy = xyz_rpy_from_matrix(world_T_camera)
-    return CameraPose((*map(float, xyz), *map(float, rpy)))
+    return CameraPoseSpec((*map(float, xyz), *map(float, rpy)))
 
 
 SCALE_FUNCTIONS = {"target.size": _scale_target, "start": _scale_start, "goal": _scale_goal}

@@ -22,9 +22,9 @@ from aras_visual_servo_camera.polygons import signed_area
 
 from ..errors import ExperimentError, catch_write_errors, require
 from .geometry import Target
-from .scratch import make_scratch_folder
 from .target_factory import find_default_size
 from .target_spec import BoxSpec, TargetSpec, Vector2
+from .temporary_folders import make_scratch_folder
 
 if TYPE_CHECKING:
     from .solids import SolidTarget

@@ -16,8 +16,8 @@ from aras_visual_servo_camera.undistortion import CameraModel
 
 from .files import write_target
 from .geometry import MIN_DEPTH, Target
-from .scratch import make_scratch_folder
 from .target_spec import Vector2
+from .temporary_folders import make_scratch_folder
 
 MAX_DEPTH = 1e3  # m
 # Light without direction, so that the colours of a flat target are those of its texture.

@@ -12,7 +12,7 @@ from aras_sim_bridge.description.shapes import make_meshes
 from aras_sim_bridge.description.types import Geometry
 from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.meshes import files
-from aras_visual_servo_camera.errors import ModelError
+from aras_visual_servo_camera.errors import TrackingModelError
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.model_tracker import Solid
 from aras_visual_servo_camera.model_tracker.solid import read_triangles
@@ -20,7 +20,7 @@ from aras_visual_servo_camera.silhouette import find_silhouette_points, fit_outl
 
 from ..errors import ExperimentError, ViewError, require
 from .geometry import Target, project
-from .scratch import make_scratch_folder
+from .temporary_folders import make_scratch_folder
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ class SolidTarget(Target):
         """Fit a plane to the points of the solid that form its outline in the image."""
         try:
             return fit_outline_plane(self._to_camera_frame(target_T_camera), self.path.name)
-        except ModelError as error:
+        except TrackingModelError as error:
             raise ViewError(str(error)) from error
 
     def _to_camera_frame(self, target_T_camera: np.ndarray) -> np.ndarray:
@@ -103,7 +103,7 @@ def make_solid(corners: np.ndarray, name: str) -> SolidTarget:
     """
     try:
         solid = Solid.from_triangles(corners, name)
-    except ModelError as error:
+    except TrackingModelError as error:
         raise ExperimentError(f"target: {error}") from error
     return SolidTarget(solid, _write_mesh(corners, name), is_temporary=True)
 
@@ -137,7 +137,7 @@ def read_solid_target(
                                                 "target.size")
             factor = tuple((np.asarray(size) / extent).tolist())
         solid = Solid.from_triangles(corners * factor, path.name)
-    except (DescriptionError, ModelError) as error:
+    except (DescriptionError, TrackingModelError) as error:
         key = " (target.scale)" if "scale it" in str(error) else ""
         raise ExperimentError(f"target.shape: {error}{key}") from error
     if factor == (1.0,) * 3:

@@ -1,8 +1,8 @@
 """Model-based tracking of a known solid by its visible edges and by depth images."""
 
-from .model_tracking import ModelTracking, TrackedPose
 from .solid import Solid, read_solid
+from .solid_tracking import SolidTracking, TrackedPose
 
 __all__ = [
-    "TrackedPose", "ModelTracking", "Solid", "read_solid",
+    "TrackedPose", "SolidTracking", "Solid", "read_solid",
 ]  # fmt: skip

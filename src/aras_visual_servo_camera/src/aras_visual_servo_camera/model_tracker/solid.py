@@ -11,7 +11,7 @@ import numpy as np
 from aras_visual_servo_base.compiled import jit
 from aras_visual_servo_base.meshes import files
 
-from ..errors import ModelError
+from ..errors import TrackingModelError
 
 # Corners of triangles are merged if their distance is smaller than this fraction of the mesh's
 # size.
@@ -73,21 +73,24 @@ class Solid:
             name: name of the solid, for messages.
 
         Raises:
-            ModelError: the mesh is probably not in metres, is not closed, or is inside out.
+            TrackingModelError: the mesh is probably not in metres, is not closed, or is inside out.
         """
         corners = np.asarray(corners, float)
         if corners.ndim != 3 or corners.shape[1:] != (3, 3) or not np.isfinite(corners).all():
-            raise ModelError(
+            raise TrackingModelError(
                 f"{name}: the corners of the triangles must be finite numbers in an array of shape "
                 "(n, 3, 3)"
             )
         size = float(np.ptp(corners.reshape(-1, 3), axis=0).max()) if len(corners) else 0.0
         if size > MAX_SIZE:
-            raise ModelError(f"{name} is {size:.4g} m long: is it in millimetres? If so, scale it "
-                             "by 0.001, because meshes must be in metres")  # fmt: skip
+            raise TrackingModelError(
+                f"{name} is {size:.4g} m long: is it in millimetres? If so, scale it by 0.001, "
+                "because meshes must be in metres"
+            )
         if size < MIN_SIZE:
-            raise ModelError(f"{name} is {size:.2g} m long, too small to be visible: scale it to "
-                             "metres")  # fmt: skip
+            raise TrackingModelError(
+                f"{name} is {size:.2g} m long, too small to be visible: scale it to metres"
+            )
         vertices, faces = _weld_vertices(corners, WELD_TOLERANCE * size)
         cross = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]],
                          vertices[faces[:, 2]] - vertices[faces[:, 0]])  # fmt: skip
@@ -97,8 +100,10 @@ class Solid:
         edges, edge_faces = _find_edges(faces, name)
         a, b, c = vertices[faces].transpose(1, 0, 2)
         if float((a * np.cross(b, c)).sum()) < 0.0:
-            raise ModelError(f"{name} is inside out: its triangles are clockwise when viewed from "
-                             "outside; flip its normals and export it again")  # fmt: skip
+            raise TrackingModelError(
+                f"{name} is inside out: its triangles are clockwise when viewed from outside; flip "
+                "its normals and export it again"
+            )
         cosines = (normals[edge_faces[:, 0]] * normals[edge_faces[:, 1]]).sum(axis=1)
         angles = np.arccos(np.clip(cosines, -1.0, 1.0))
         is_visible = angles > FLAT_ANGLE
@@ -185,7 +190,7 @@ def _find_edges(faces: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
     first, second = pairs.T
     closed = (low[first] == low[second]) & (high[first] == high[second])
     if len(order) % 2 or not (closed & (forward[first] != forward[second])).all():
-        raise ModelError(
+        raise TrackingModelError(
             f"{name} is not a closed surface: each edge needs two triangles of the same "
             "orientation; close its holes, unite its parts, and export it again"
         )
@@ -223,10 +228,10 @@ def read_solid(path: str, scale: float = 1.0) -> Solid:
 
     Raises:
         DescriptionError: the file cannot be read.
-        ModelError: the mesh is not closed, or is probably not in metres.
+        TrackingModelError: the mesh is not closed, or is probably not in metres.
     """
     try:
         return Solid.from_triangles(scale * read_triangles(files.read(path)), Path(path).name)
-    except ModelError as error:
+    except TrackingModelError as error:
         key = " (model_scale)" if "scale it" in str(error) else ""
-        raise ModelError(f"{path}: {error}{key}") from None
+        raise TrackingModelError(f"{path}: {error}{key}") from None

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from aras_visual_servo_base.poses import inverse
 from aras_visual_servo_base.settings import parameter
 
-from ..errors import ModelError, VisionError
+from ..errors import TrackingModelError, VisionError
 from ..interaction import Plane
-from ..model_tracker.model_tracking import ModelTracking
 from ..model_tracker.solid import Solid, read_solid
+from ..model_tracker.solid_tracking import SolidTracking
 from ..undistortion import CameraModel
 from .base import TRACKERS, TrackedPoints, Tracker
-from .start_pose import StartPose
+from .initial_pose import InitialPose
 
 # Error of the points, px, added to the error that follows from the covariance of the pose.
 BEST_ACCURACY = 0.01
@@ -36,20 +36,21 @@ class ModelTracker(Tracker):
     """
 
     model: str | Solid = parameter("", help="mesh file (STL, OBJ, DAE) of the target")
-    model_start: Mapping[str, Any] | StartPose = parameter({}, help="start pose of the target")
+    model_start: Mapping[str, Any] | InitialPose = parameter({}, help="start pose of the target")
     model_scale: float = parameter(
         1.0, above=0.0, help="factor on the file's lengths, e.g. 0.001 for mm"
     )
 
     def __post_init__(self) -> None:
         start, solid = self.model_start, self.model
-        self._start_pose = start if isinstance(start, StartPose) else StartPose(start)
+        self._start_pose = start if isinstance(start, InitialPose) else InitialPose(start)
         if not solid:
-            raise ModelError("tracker 'model' needs the mesh of the target: set the parameter "
-                             "model to a file")
+            raise TrackingModelError(
+                "tracker 'model' needs the mesh of the target: set the parameter model to a file"
+            )
         if not isinstance(solid, Solid):
             solid = read_solid(solid, self.model_scale)
-        self.tracking = ModelTracking(solid)
+        self.tracking = SolidTracking(solid)
         self.reset()
 
     def reset(self) -> None:

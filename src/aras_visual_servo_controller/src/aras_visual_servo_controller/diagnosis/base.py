@@ -13,7 +13,7 @@ from ..records.run_record import ImageRecord
 from .evidence import Evidence
 
 
-class RunDiagnosis(ABC):
+class DiagnosisRule(ABC):
     """Detector of one possible fault of a run, or of its success.
 
     Attributes:
@@ -38,7 +38,7 @@ class RunDiagnosis(ABC):
 
 
 DIAGNOSES = Registry(
-    "diagnosis", f"{__package__}.diagnoses", (RunDiagnosis,), ConfigurationError
+    "diagnosis", f"{__package__}.diagnoses", (DiagnosisRule,), ConfigurationError
 )
 # Diagnoses in the order in which they process each image; the first outcome is reported.
 ORDER = (

@@ -31,7 +31,7 @@ MAX_ITERATIONS, CONVERGED_STEP = 10, 1e-13
 PLANARITY_TOLERANCE = 1e-9
 
 
-class RelativePose(NumberedPoints):
+class PoseFeature(NumberedPoints):
     """Base class of pose features; a subclass implements `compute_from_pose`.
 
     Attributes:
@@ -100,7 +100,7 @@ ROTATION_COMPONENTS = tuple((name, 0.003, "rad") for name in ("ux", "uy", "uz"))
 
 
 @FEATURES.register("theta_u")
-class ThetaU(RelativePose):
+class ThetaU(PoseFeature):
     """s = theta u, the rotation vector of the camera in the goal frame, rad.
 
     L = (0, J), where J is the inverse right Jacobian of the rotation.
@@ -117,7 +117,7 @@ class ThetaU(RelativePose):
 
 
 @FEATURES.register("translation")
-class Translation(RelativePose):
+class Translation(PoseFeature):
     """s = g_t_c, the camera's position in the goal frame, m; L = (g_R_c, 0).
 
     The camera moves on a straight line.
@@ -134,7 +134,7 @@ class Translation(RelativePose):
 
 
 @FEATURES.register("translation_camera")
-class TranslationCamera(RelativePose):
+class TranslationCamera(PoseFeature):
     """s = c_t_o, the position of the points' centroid in the camera frame, m.
 
     The centroid moves on a straight line in the image. L = (-1, [c_t_o]x).
@@ -151,7 +151,7 @@ class TranslationCamera(RelativePose):
 
 
 @FEATURES.register("pose")
-class PoseInGoalFrame(RelativePose):
+class PoseInGoalFrame(PoseFeature):
     """Position-based servoing: s = (g_t_c, theta u), the camera's pose in the goal frame."""
 
     components = TRANSLATION_COMPONENTS + ROTATION_COMPONENTS
@@ -170,7 +170,7 @@ class ModelPose(PoseInGoalFrame):
 
 
 @FEATURES.register("pose_camera")
-class PoseCamera(RelativePose):
+class PoseCamera(PoseFeature):
     """Position-based servoing: s = (c_t_o, theta u), with the translation in the camera frame."""
 
     components = TRANSLATION_COMPONENTS + ROTATION_COMPONENTS
@@ -184,7 +184,7 @@ class PoseCamera(RelativePose):
 
 
 @FEATURES.register("two_and_half_d")
-class TwoAndHalfD(RelativePose):
+class TwoAndHalfD(PoseFeature):
     """2 1/2 D servoing: s = (x, y, log Z, theta u), with x, y and Z of the points' centroid."""
 
     components = (("x", 0.001, ""), ("y", 0.001, ""), ("log_Z", 0.005, ""), *ROTATION_COMPONENTS)

@@ -40,7 +40,7 @@ from aras_visual_servo_camera.moments import MAX_ORDER, Moments, Pinhole
 from aras_visual_servo_camera.undistortion import CameraModel
 
 from ..errors import ConfigurationError, ServoError, UnreachableError
-from ..kinematics.limits import check_within_limits
+from ..kinematics.command_limits import check_within_limits
 from ..observation.camera_rig import CameraKinematics, InverseCameraKinematics
 from ..observation.observation import CAMERA, Observation
 from ..observation.target_geometry import TargetGeometry, ellipse_of
@@ -65,7 +65,7 @@ REACH_TOLERANCE = 2e-3
 SAME_PLACE, SAME_ANGLE = 1e-4, 1e-3
 
 
-class GoalTeacher(Protocol):
+class TeachableScheme(Protocol):
     """Interface of schemes and controllers whose features store data in the goal."""
 
     def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
@@ -154,7 +154,7 @@ class Goal:
     @classmethod
     def teach(
         cls,
-        scheme: GoalTeacher | None,
+        scheme: TeachableScheme | None,
         observation: Observation,
         name: str = "goal",
         depth: float | None = None,

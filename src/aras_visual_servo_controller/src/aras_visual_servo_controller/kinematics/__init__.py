@@ -6,11 +6,11 @@ from aras_visual_servo_base.lazy import lazy_exports
 
 if TYPE_CHECKING:
     from .arm import Arm as Arm
+    from .command_limits import CommandLimits as CommandLimits
     from .differential_ik import DifferentialIK as DifferentialIK
     from .differential_ik import IKSettings as IKSettings
     from .ik_solution import IKSolution as IKSolution
     from .joint_sample import JointSample as JointSample
-    from .limits import Limits as Limits
     from .secondary_tasks import JointLimitAvoidance as JointLimitAvoidance
     from .secondary_tasks import PostureTask as PostureTask
     from .secondary_tasks import SecondaryTask as SecondaryTask
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _PLACES = {
     "Arm": ".arm",
     "JointSample": ".joint_sample",
-    "Limits": ".limits",
+    "CommandLimits": ".command_limits",
     "IKSolution": ".ik_solution",
     **dict.fromkeys(("DifferentialIK", "IKSettings"), ".differential_ik"),
     **dict.fromkeys(("JointLimitAvoidance", "PostureTask", "SecondaryTask", "SingularityAvoidance"),

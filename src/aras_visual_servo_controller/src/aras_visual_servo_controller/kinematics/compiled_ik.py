@@ -10,8 +10,8 @@ from aras_visual_servo_base.compiled import jit
 
 from .algebra import ROUNDING_TOLERANCE, has_singular_values_above, multiply, multiply_vector, svd
 from .chain import CHAIN_SIGNATURE, compute_pose_and_jacobian
+from .command_limits import compute_velocity_ranges
 from .held_directions import compute_held_directions
-from .limits import compute_velocity_ranges
 
 # A camera direction gets a smaller weight if its singular value in L is below this fraction of the
 # largest one.

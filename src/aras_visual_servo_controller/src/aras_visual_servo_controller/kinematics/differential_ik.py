@@ -41,10 +41,10 @@ from ..errors import ServoError
 from .algebra import are_finite
 from .arm import Arm
 from .chain import NO_JOINTS
+from .command_limits import CommandLimits
 from .compiled_ik import PRIMARY, REUSE_TIME, solve_velocities
 from .elbow import Elbow, find_elbows
 from .ik_solution import IKSolution
-from .limits import Limits
 from .task import DIRECTIONS, UNITS
 
 if TYPE_CHECKING:
@@ -119,7 +119,7 @@ class DifferentialIK:
     def __init__(
         self,
         arm: Arm,
-        limits: Limits | None = None,
+        limits: CommandLimits | None = None,
         tasks: Sequence[SecondaryTask] = (),
         settings: IKSettings | None = None,
         elbows: Sequence[Elbow] | None = None,
@@ -135,7 +135,7 @@ class DifferentialIK:
             elbows: elbows that can stretch; None to search for them in the arm.
         """
         self.arm = arm
-        self.limits = limits if limits is not None else Limits.for_arm(arm)
+        self.limits = limits if limits is not None else CommandLimits.for_arm(arm)
         self.tasks = tuple(tasks)
         self.settings = settings if settings is not None else IKSettings()
         self.elbows = tuple(find_elbows(arm) if elbows is None else elbows)

@@ -13,7 +13,7 @@ from aras_visual_servo_base.names import suggest
 
 from ..errors import ConfigurationError
 from .arm import Arm
-from .limits import Limits
+from .command_limits import CommandLimits
 
 
 class SecondaryTask(ABC):
@@ -78,7 +78,7 @@ class JointLimitAvoidance(JointRangeTask):
     The velocity is directed away from the limit.
     """
 
-    def __init__(self, limits: Limits, margin: float = 0.2, gain: float = 2.0) -> None:
+    def __init__(self, limits: CommandLimits, margin: float = 0.2, gain: float = 2.0) -> None:
         """Set margin and gain.
 
         Args:

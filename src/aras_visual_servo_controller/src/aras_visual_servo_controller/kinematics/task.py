@@ -9,7 +9,7 @@ from math import isfinite
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import TaskError
+from ..errors import InvalidTaskError
 from .algebra import (
     ROUNDING_TOLERANCE,
     is_task_finite,
@@ -61,7 +61,7 @@ class Task:
         """Check the arrays; if L has more than six rows, reduce it to six with the same solution.
 
         Raises:
-            TaskError: a shape is wrong, or a value is not finite.
+            InvalidTaskError: a shape is wrong, or a value is not finite.
         """
         L, rate, modelled = (
             _read_array(self.L),
@@ -69,21 +69,23 @@ class Task:
             np.array(self.modelled, bool),
         )
         if L.ndim != 2 or L.shape[1] != 6 or rate.shape != (len(L),) or len(L) == 0:
-            raise TaskError(
+            raise InvalidTaskError(
                 f"a task needs L of shape (k, 6) and a rate of shape (k,), got {L.shape} and "
                 f"{rate.shape}"
             )
         if modelled.shape != (6,):
-            raise TaskError(f"modelled must have the shape (6,), got {modelled.shape}")
+            raise InvalidTaskError(f"modelled must have the shape (6,), got {modelled.shape}")
         if not is_task_finite(L, rate):
-            raise TaskError("the interaction matrix or the desired rate is not finite; check the "
-                            "scheme's features")
+            raise InvalidTaskError(
+                "the interaction matrix or the desired rate is not finite; check the "
+                "scheme's features"
+            )
         accuracy = self.accuracy
         if type(accuracy) is not float or not isfinite(accuracy):
             accuracy = _read_array(accuracy)
             fits = accuracy.ndim == 0 or accuracy.ndim == 2 and len(accuracy) == len(L)
             if not fits or not np.isfinite(accuracy).all():
-                raise TaskError(
+                raise InvalidTaskError(
                     f"accuracy must be finite, and one number or of shape ({len(L)}, m), got shape "
                     f"{accuracy.shape}"
                 )
@@ -116,7 +118,7 @@ class Task:
             depth, accuracy, rank_tolerance: attributes of the task.
 
         Raises:
-            TaskError: a shape is wrong, or a value is not finite.
+            InvalidTaskError: a shape is wrong, or a value is not finite.
         """
         if weights is not None:
             L, desired_rate, weights = (
@@ -125,7 +127,7 @@ class Task:
                 _read_array(weights),
             )
             if weights.shape != desired_rate.shape or L.ndim != 2 or not (weights >= 0.0).all():
-                raise TaskError(
+                raise InvalidTaskError(
                     f"weights must be >= 0 and have the shape ({len(desired_rate)},), got "
                     f"{weights.shape}"
                 )
@@ -143,9 +145,9 @@ class Task:
         """
         twist, modelled = _read_array(twist), np.array(modelled, bool)
         if twist.shape != (6,):
-            raise TaskError(f"a twist must have the shape (6,), got {twist.shape}")
+            raise InvalidTaskError(f"a twist must have the shape (6,), got {twist.shape}")
         if modelled.shape != (6,):
-            raise TaskError(f"modelled must have the shape (6,), got {modelled.shape}")
+            raise InvalidTaskError(f"modelled must have the shape (6,), got {modelled.shape}")
         return cls.from_interaction(np.eye(6)[modelled], twist[modelled], modelled)
 
     @cached_property
@@ -245,7 +247,9 @@ def _read_array(values: ArrayLike) -> np.ndarray:
     try:
         return np.array(values, float)
     except (TypeError, ValueError) as error:
-        raise TaskError(f"a value of the task is not an array of numbers: {error}") from error
+        raise InvalidTaskError(
+            f"a value of the task is not an array of numbers: {error}"
+        ) from error
 
 
 def _reduce_rows(

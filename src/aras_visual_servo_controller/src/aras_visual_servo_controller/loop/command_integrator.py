@@ -13,10 +13,10 @@ import numpy as np
 from aras_visual_servo_base.compiled import jit
 
 from ..kinematics.joint_sample import JointSample
-from ..records.state import Command, ServoSettings
+from ..records.state import JointCommand, ServoSettings
 
 if TYPE_CHECKING:
-    from ..kinematics.limits import Limits
+    from ..kinematics.command_limits import CommandLimits
 
 
 # A joint has jumped between two samples if it moved farther than JUMP times `lead` (the distance by
@@ -35,7 +35,9 @@ class CommandIntegrator:
         lead: (n,) distance by which the command may be ahead of each joint, rad or m.
     """
 
-    def __init__(self, names: Sequence[str], limits: Limits, settings: ServoSettings) -> None:
+    def __init__(
+        self, names: Sequence[str], limits: CommandLimits, settings: ServoSettings
+    ) -> None:
         self.names, self.limits, self.settings = tuple(names), limits, settings
         self.lead = np.full(len(self.names), settings.lead, float)
         self.reset()
@@ -149,7 +151,7 @@ class CommandIntegrator:
 
     def make_command(
         self, t: float, measured: JointSample | None, effort: np.ndarray, reason: str, phase: str
-    ) -> Command:
+    ) -> JointCommand:
         """Create the command for the joint controllers: positions, velocities or efforts.
 
         The command has no values before the joints are measured.
@@ -162,7 +164,7 @@ class CommandIntegrator:
             phase: phase of the loop.
         """
         if self.command is None or measured is None:
-            return Command(t, self.names, reason=reason, phase=phase)
+            return JointCommand(t, self.names, reason=reason, phase=phase)
         settings = self.settings
         if settings.output == "effort":
             values = np.asarray(settings.stiffness) * (self.command - measured.positions)
@@ -170,7 +172,7 @@ class CommandIntegrator:
             values = np.clip(values, -effort, effort)
         else:
             values = np.array(self.command if settings.output == "position" else self.velocity)
-        return Command(t, self.names, values, settings.output, reason, phase)
+        return JointCommand(t, self.names, values, settings.output, reason, phase)
 
     def limit_velocities(self, velocities: np.ndarray, dt: float) -> tuple[np.ndarray, str]:
         """Scale the velocities (n,) that a JointController commands to the limits of the joints.

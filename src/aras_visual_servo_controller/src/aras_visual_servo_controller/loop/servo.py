@@ -46,11 +46,11 @@ from ..records.state import (
     SERVOING,
     STOPPED,
     WAITING,
-    Command,
+    JointCommand,
     ServoState,
 )
 from ..schemes.base import SchemeOutput
-from ..schemes.compute import compute
+from ..schemes.scheme_call import compute
 from .servo_control import ServoControl
 
 if TYPE_CHECKING:
@@ -198,7 +198,7 @@ class Servo(ServoControl):
         joints: JointSample | None = None,
         missing_reason: str = "",
         missing_outcome: Outcome | None = None,
-    ) -> Command:
+    ) -> JointCommand:
         """Advance the loop to the time t (s) and return the joint command.
 
         If t is before the previous time, the clock was reset, and the loop is reset, too.
@@ -314,7 +314,7 @@ class Servo(ServoControl):
         """
         return self.phase == CONVERGED and t - last <= GOAL_PATIENCE
 
-    def _update_approach(self, t: float, dt: float, measured: JointSample) -> Command:
+    def _update_approach(self, t: float, dt: float, measured: JointSample) -> JointCommand:
         self.phase = APPROACHING
         if self._adopt_jumped_joints(measured):
             self._start_approach.reset()
@@ -353,7 +353,7 @@ class Servo(ServoControl):
         """
         self._now, self._joints, self._lag_reason = joints.stamp, joints, lag_reason
 
-    def _make_command(self, t: float, measured: JointSample | None, reason: str) -> Command:
+    def _make_command(self, t: float, measured: JointSample | None, reason: str) -> JointCommand:
         if self._foreign_nodes:
             reason = self._add_foreign_nodes(reason)
         return self.integrator.make_command(t, measured, self.arm.effort, reason, self.phase)

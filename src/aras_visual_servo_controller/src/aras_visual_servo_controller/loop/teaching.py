@@ -29,7 +29,7 @@ NO_IMAGES = "no images arrive"
 OUTLINE_POINTS = 400
 
 
-class Teacher:
+class ViewCollector:
     """Collector of valid views from one pose.
 
     Its inputs are joint states and images.

@@ -13,7 +13,7 @@ from aras_visual_servo_base.poses import relative_pose
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_camera.segmentation import Segmentation
+from aras_visual_servo_camera.segmentation import SegmentationSettings
 from aras_visual_servo_camera.undistortion import CameraModel, normalise_pixels
 
 from ..kinematics.joint_sample import JointSample, make_read_only_copy
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from aras_visual_servo_camera.trackers import Tracker
 
     from ..kinematics import Arm
+    from .feature_extractor import FeatureExtractor
     from .frame import Frame
-    from .image_reader import ImageReader
 
 # Largest plausible normalised coordinate of a point; 30 corresponds to 88 degrees from the optical
 # axis.
@@ -100,7 +100,7 @@ class FeatureObserver:
         self,
         arm: Arm | None,
         needs: frozenset[Need] = frozenset((Need.MOMENTS,)),
-        segmentation: Segmentation | None = None,
+        segmentation: SegmentationSettings | None = None,
         tracker: Tracker | None = None,
         compute_plane: Callable[[np.ndarray], Plane | None] | None = None,
         name: str = CAMERA,
@@ -113,7 +113,7 @@ class FeatureObserver:
         """
         self.arm, self.compute_plane, self.name = arm, compute_plane, name
         self.tracker = tracker
-        self.segmentation = Segmentation() if segmentation is None else segmentation
+        self.segmentation = SegmentationSettings() if segmentation is None else segmentation
         self.needs = frozenset(needs)
         self.reset()
 
@@ -126,12 +126,12 @@ class FeatureObserver:
             self.tracker.reset()
 
     @cached_property
-    def images(self) -> ImageReader:
+    def images(self) -> FeatureExtractor:
         """Reader of images; it is created at the first use, because exact features need no reader.
         """
-        from .image_reader import ImageReader
+        from .feature_extractor import FeatureExtractor
 
-        return ImageReader(self.needs, self.segmentation, self.tracker)
+        return FeatureExtractor(self.needs, self.segmentation, self.tracker)
 
     def observe_image(
         self,

@@ -11,9 +11,9 @@ import numpy as np
 from aras_visual_servo_base.settings import check_bounds, parameter
 
 from ..errors import ConfigurationError
+from ..kinematics.command_limits import CommandLimits, check_within_limits
 from ..kinematics.ik_solution import IKSolution, rank
 from ..kinematics.joint_sample import JointSample
-from ..kinematics.limits import Limits, check_within_limits
 from ..kinematics.task import Task
 from ..schemes.base import SchemeOutput
 from .outcomes import NOT_ARRIVED, ArrivalStatus, Outcome
@@ -114,7 +114,7 @@ class ServoSettings:
     def __post_init__(self) -> None:
         check_bounds(self, ConfigurationError)
 
-    def check_for(self, names: Sequence[str], limits: Limits) -> None:
+    def check_for(self, names: Sequence[str], limits: CommandLimits) -> None:
         """Check that the settings fit an arm with the joints `names` and the given limits.
 
         Raises:
@@ -169,7 +169,7 @@ class Source:
 
 
 @dataclass(eq=False)
-class Command:
+class JointCommand:
     """Joint command of one update.
 
     Attributes:

@@ -11,7 +11,7 @@ import rospy
 
 from aras_visual_servo_ros.connections import send_to_others_only
 
-from .commands import CommandTopics
+from .command_publishers import CommandPublishers
 
 
 class ForeignCommandListener:
@@ -21,7 +21,7 @@ class ForeignCommandListener:
     subscribed, because rospy leaks a file descriptor for every subscriber that is unregistered.
     """
 
-    def __init__(self, commands: CommandTopics) -> None:
+    def __init__(self, commands: CommandPublishers) -> None:
         """Set the topics of this node's own commands."""
         self._commands, self._own_node = commands, rospy.get_name()
         self._is_active = self._is_subscribing = False

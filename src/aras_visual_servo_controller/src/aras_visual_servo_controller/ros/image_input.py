@@ -10,7 +10,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from aras_visual_servo_base.stamp_synchronizer import StampSynchronizer
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.images import decode
-from aras_visual_servo_camera.label_topics import BUFFER_SIZE, LabelTopics
+from aras_visual_servo_camera.label_subscribers import BUFFER_SIZE, LabelSubscribers
 from aras_visual_servo_camera.undistortion import CameraModel
 
 from ..observation.camera_rig import ObserveFrame
@@ -40,7 +40,7 @@ class ImageInput:
         kinds = segmentation.image_kinds if needs_target else ("image",)
         self._images = StampSynchronizer((*kinds, "depth") if depth else kinds)
         if needs_target:
-            self._label_topics = LabelTopics.for_segmentation(
+            self._label_topics = LabelSubscribers.for_segmentation(
                 segmentation, topics.namespace, self._add_image
             )
         options = {"queue_size": 1, "tcp_nodelay": True}

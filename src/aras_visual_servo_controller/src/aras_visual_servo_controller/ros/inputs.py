@@ -9,7 +9,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
 from ..runner.loop_runner import LoopRunner
-from ..settings import Settings
+from ..settings import ControllerSettings
 from .image_input import IMAGE_NEEDS, ImageInput
 from .measurement_input import MeasurementInput
 
@@ -21,7 +21,7 @@ class Inputs:
     """Subscribers to the inputs of one loop."""
 
     def __init__(
-        self, settings: Settings, runner: LoopRunner, e_stop: str = "",
+        self, settings: ControllerSettings, runner: LoopRunner, e_stop: str = "",
         camera_node: CameraNode | None = None,
     ) -> None:
         """Subscribe to the topics.

@@ -13,7 +13,7 @@ from aras_visual_servo_ros.shutdown import iterate_at_period, node_main
 
 from ..errors import ConfigurationError
 from ..runner.loop_runner import LoopRunner
-from ..settings import Settings
+from ..settings import ControllerSettings
 from .description import DescriptionWatch, find_e_stop_topic
 from .goal_topics import GoalTopics
 from .inputs import Inputs
@@ -34,7 +34,10 @@ class ControllerNode:
     """
 
     def __init__(
-        self, settings: Settings, raw_settings: dict[str, object], camera: CameraNode | None = None
+        self,
+        settings: ControllerSettings,
+        raw_settings: dict[str, object],
+        camera: CameraNode | None = None,
     ) -> None:
         """Create the node without a loop.
 

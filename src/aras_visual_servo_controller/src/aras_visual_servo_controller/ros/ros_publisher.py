@@ -10,10 +10,10 @@ import rospy
 from geometry_msgs.msg import TwistStamped
 
 from ..msg import ServoReport, ServoState
-from ..records.state import APPROACHING, SERVOING, Command
+from ..records.state import APPROACHING, SERVOING, JointCommand
 from ..records.state import ServoState as State
-from ..settings import Settings
-from .commands import CommandTopics, publish
+from ..settings import ControllerSettings
+from .command_publishers import CommandPublishers, publish
 from .foreign_commands import ForeignCommandListener
 from .messages import make_report_message, make_state_message
 
@@ -32,7 +32,7 @@ class RosPublisher:
         latest_state: state that was reported last.
     """
 
-    def __init__(self, settings: Settings, names: Sequence[str], frame: str) -> None:
+    def __init__(self, settings: ControllerSettings, names: Sequence[str], frame: str) -> None:
         """Advertise the topics.
 
         Args:
@@ -42,7 +42,7 @@ class RosPublisher:
         """
         self._settings, self.names, self._frame = settings, tuple(names), frame
         namespace = settings.namespace.rstrip("/")
-        self.command_topics = CommandTopics(settings, self.names, settings.output)
+        self.command_topics = CommandPublishers(settings, self.names, settings.output)
         self.foreign_commands = ForeignCommandListener(self.command_topics)
         self.state_publisher = rospy.Publisher(
             f"{namespace}/controller/state", ServoState, queue_size=5
@@ -77,7 +77,7 @@ class RosPublisher:
         for publisher in (self.state_publisher, self._report_publisher, self._twist_publisher):
             publisher.unregister()
 
-    def send(self, command: Command) -> None:
+    def send(self, command: JointCommand) -> None:
         """Publish a command to the joints."""
         if command.values is not None:
             self.command_topics.send(command.values)

@@ -14,9 +14,9 @@ from ..diagnosis.joint_check import describe_foreign_nodes
 from ..errors import ServoError
 from ..goals.goal import Goal
 from ..goals.starts import find_start_joints
-from ..loop.teaching import Teacher, make_mean_goal
+from ..loop.teaching import ViewCollector, make_mean_goal
 from ..observation.observation import Need
-from .commands import CommandTopics
+from .command_publishers import CommandPublishers
 from .foreign_commands import ForeignCommandListener
 from .inputs import Inputs
 from .node_settings import read_robot_settings
@@ -48,10 +48,10 @@ def collect_views(arguments: argparse.Namespace) -> Goal:
             joints = Goal.load(path).for_arm(arm).get_joints(arm.names)
         if joints is None:
             joints = find_start_joints(arguments.go, arm, package)
-        commands = CommandTopics(settings, arm.names, "position")
+        commands = CommandPublishers(settings, arm.names, "position")
         foreign = ForeignCommandListener(commands)
         foreign.listen(True)
-    teacher = Teacher(arm, rig, joints, None if commands is None else commands.send)
+    teacher = ViewCollector(arm, rig, joints, None if commands is None else commands.send)
     inputs = Inputs(settings, teacher)
     deadline = time.monotonic() + arguments.timeout
     while len(teacher.views) < arguments.images:

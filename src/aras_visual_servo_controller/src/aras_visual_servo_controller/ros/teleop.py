@@ -21,7 +21,7 @@ from ..kinematics import DifferentialIK
 from ..teleop import keyboard
 from ..teleop.gamepad import HELP, JoyDevice, compute_twist
 from ..teleop.jog import Jog
-from .commands import CommandTopics, stop_controller
+from .command_publishers import CommandPublishers, stop_controller
 from .node_settings import read_robot_settings
 
 PERIOD = 0.02  # wall time between two commands, s
@@ -48,7 +48,7 @@ class Teleop:
                 raise ConfigurationError(describe_unknown("joint", name, arm.names))
         self._jog = Jog(arm, self._limits, DifferentialIK(arm, self._limits))
         self._keys = keyboard.KeyboardState(arm.names)
-        self._command_topics = CommandTopics(settings, arm.names, "position")
+        self._command_topics = CommandPublishers(settings, arm.names, "position")
         self._measured: np.ndarray | None = None
         self._has_joint_state, self._jog_lock = threading.Event(), threading.Lock()
         self._has_stopped_controller, self._last_reason = False, ""

@@ -16,8 +16,8 @@ from ..loop.servo import Servo
 from ..observation.joint_history import JointHistory
 from ..records.outcomes import JOINTS_DO_NOT_FOLLOW, Outcome
 from ..records.remedy import Remedy
-from ..records.state import HOLDING, Command, Source
-from ..settings import Settings
+from ..records.state import HOLDING, JointCommand, Source
+from ..settings import ControllerSettings
 
 # The loop commands the joints again after this time, s, without a command of another node and
 # without an unusable joint state.
@@ -51,7 +51,7 @@ class ForeignWatch:
     """
 
     def __init__(
-        self, servo: Servo, history: JointHistory, settings: Settings,
+        self, servo: Servo, history: JointHistory, settings: ControllerSettings,
         commands: ForeignCommands | None,
     ) -> None:
         """Create the detection.
@@ -92,7 +92,7 @@ class ForeignWatch:
             self._suspicion_time = wall
         self._commands.listen(wall - self._suspicion_time < LISTENING_TIME)
 
-    def can_resend(self, command: Command) -> bool:
+    def can_resend(self, command: JointCommand) -> bool:
         """Return whether a position command that joints have not followed may be sent again.
 
         It may not if a joint moves away from its command, because then another node commands the

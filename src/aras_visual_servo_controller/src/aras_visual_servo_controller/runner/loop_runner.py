@@ -35,11 +35,11 @@ from ..records.state import (
     SERVOING,
     STOPPED,
     WAITING,
-    Command,
+    JointCommand,
     ServoState,
     Source,
 )
-from ..settings import Settings
+from ..settings import ControllerSettings
 from .foreign_watch import MAX_CLOCK_SKEW, ForeignCommands, ForeignWatch, JointStateWatch
 
 # Period at which the loop's state is reported while no images arrive, s: the image period of a
@@ -55,7 +55,7 @@ REPEAT_PERIOD = 0.1  # period at which a command that a joint does not follow is
 class LoopListener(Protocol):
     """Receiver of the loop's output."""
 
-    def send(self, command: Command) -> None:
+    def send(self, command: JointCommand) -> None:
         """Send a command to the joints."""
 
     def report(self, state: ServoState) -> None:
@@ -72,7 +72,7 @@ class LoopRunner:
         self,
         servo: Servo,
         camera_rig: CameraRig,
-        settings: Settings,
+        settings: ControllerSettings,
         listener: LoopListener,
         clock: Callable[[], float],
         wall_clock: Callable[[], float] = time.monotonic,
@@ -300,7 +300,7 @@ class LoopRunner:
             if kind != "position" and not self.settings.dry:
                 zeros = np.zeros(len(names))
                 self._listener.send(
-                    Command(self.update_time or 0.0, names, zeros, kind, phase=STOPPED)
+                    JointCommand(self.update_time or 0.0, names, zeros, kind, phase=STOPPED)
                 )
 
     def apply_change(self, change: Callable[[Servo], None]) -> None:
@@ -352,7 +352,7 @@ class LoopRunner:
     def _update(
         self, t: float, sample: JointSample | None = None, missing_reason: str = "",
         missing_outcome: Outcome | None = None,
-    ) -> Command:
+    ) -> JointCommand:
         # A delayed joint state can be older than the last update, whose time followed the clock.
         t = self.update_time = t if self.update_time is None else max(t, self.update_time)
         command = self.servo.update(t, sample, missing_reason, missing_outcome)
@@ -360,7 +360,7 @@ class LoopRunner:
             self.commands.append(JointSample.from_values(t, command.names, command.values))
         return command
 
-    def _stop_without_joints(self, t: float, sample: JointSample | None = None) -> Command:
+    def _stop_without_joints(self, t: float, sample: JointSample | None = None) -> JointCommand:
         """Stop the arm at the time t (s), because its joints cannot be measured.
 
         Args:
@@ -374,7 +374,7 @@ class LoopRunner:
         self._report_periodically(command, sample)
         return command
 
-    def _send(self, command: Command, repeat: bool = False) -> None:
+    def _send(self, command: JointCommand, repeat: bool = False) -> None:
         """Send a command; with `repeat`, send equal positions again if a joint does not follow."""
         values = command.values
         if self._is_ended or values is None or not are_finite(values, values, values):
@@ -395,7 +395,7 @@ class LoopRunner:
         if not self.settings.dry:
             self._listener.send(command)
 
-    def _is_due_again(self, command: Command) -> bool:
+    def _is_due_again(self, command: JointCommand) -> bool:
         """Return whether a position command must be sent again.
 
         The controller may not have received the command, for example because the controller was
@@ -427,7 +427,7 @@ class LoopRunner:
             self.sent_values, self._sent_stamp = sent, sent_stamp
             self._foreign_watch.reset()
 
-    def _report_periodically(self, command: Command, joints: JointSample | None) -> None:
+    def _report_periodically(self, command: JointCommand, joints: JointSample | None) -> None:
         """Report the state once per REPORT_PERIOD, if it is not reported for images."""
         if not 0.0 <= command.stamp - self._report_stamp < REPORT_PERIOD:
             state = ServoState(

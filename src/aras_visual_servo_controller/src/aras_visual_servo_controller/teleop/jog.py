@@ -13,7 +13,7 @@ import numpy as np
 from aras_visual_servo_base.names import describe_unknown
 
 from ..errors import ConfigurationError
-from ..kinematics import Arm, DifferentialIK, Limits
+from ..kinematics import Arm, CommandLimits, DifferentialIK
 from ..kinematics.task import Task
 
 COMMAND_LIFETIME = 0.3  # time for which a requested speed is valid, s
@@ -38,7 +38,7 @@ class Jog:
     """
 
     def __init__(
-        self, arm: Arm, limits: Limits, differential_ik: DifferentialIK | None = None
+        self, arm: Arm, limits: CommandLimits, differential_ik: DifferentialIK | None = None
     ) -> None:
         """Create the generator.
 

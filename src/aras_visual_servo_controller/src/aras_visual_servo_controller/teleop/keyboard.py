@@ -29,7 +29,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..kinematics import Limits
+from ..kinematics import CommandLimits
 from .jog import MAX_TWIST, Jog
 
 STEP = 0.05
@@ -64,7 +64,7 @@ def choose_step_joints(names: Sequence[str]) -> dict[str, str]:
 
 
 def step_joint(
-    key: str, command: np.ndarray, limits: Limits, joints: Mapping[str, str]
+    key: str, command: np.ndarray, limits: CommandLimits, joints: Mapping[str, str]
 ) -> tuple[np.ndarray, str]:
     """Return the command (n,) after a key was pressed, and a text for the operator.
 

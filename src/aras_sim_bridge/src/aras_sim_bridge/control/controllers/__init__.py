@@ -6,8 +6,8 @@ controller class of your own.
 
 from aras_sim_bridge.control.controllers.base import (
     ClaimedResources,
-    Context,
     Controller,
+    ControllerContext,
     JointControllerState,
     JointStates,
 )
@@ -15,7 +15,7 @@ from aras_sim_bridge.control.controllers.registry import ControllerTypes, regist
 
 __all__ = [
     "ClaimedResources",
-    "Context",
+    "ControllerContext",
     "Controller",
     "ControllerTypes",
     "JointControllerState",

@@ -51,7 +51,7 @@ def _ignore(text: str) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class Context:
+class ControllerContext:
     """Name, namespace, robot and loggers of a controller.
 
     Attributes:
@@ -131,13 +131,15 @@ class Controller:
     is_compilable = is_read_only = False
 
     def __init__(self) -> None:
-        self.context = Context("")
+        self.context = ControllerContext("")
         self.joints: tuple[str, ...] = ()
         self.pids: dict[str, Pid] = {}
         self.on_state: Callable[[object], None] | None = None
         self.slot: deque[object] = deque(maxlen=1)
 
-    def init(self, hardware: RobotHardware, parameters: Mapping, context: Context) -> None:
+    def init(
+        self, hardware: RobotHardware, parameters: Mapping, context: ControllerContext
+    ) -> None:
         """Read the parameters and get the joint handles.
 
         Args:

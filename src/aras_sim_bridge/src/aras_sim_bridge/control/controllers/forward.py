@@ -9,8 +9,8 @@ import numpy as np
 
 from aras_sim_bridge.control.controllers.base import (
     STATE_EVERY,
-    Context,
     Controller,
+    ControllerContext,
     JointControllerState,
     check_number,
     read_joint_names,
@@ -57,7 +57,9 @@ class CommandedController(Controller):
         """Whether a command is a list with one number for each joint of the parameter `joints`."""
         return self.command_kind == "float64_array"
 
-    def init(self, hardware: RobotHardware, parameters: Mapping, context: Context) -> None:
+    def init(
+        self, hardware: RobotHardware, parameters: Mapping, context: ControllerContext
+    ) -> None:
         """Read the joints and create their loops. Raises ControllerError for a missing joint."""
         super().init(hardware, parameters, context)
         if self.is_group:

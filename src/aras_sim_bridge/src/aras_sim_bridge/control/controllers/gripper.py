@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import partial
 from math import isfinite
 
-from aras_sim_bridge.control.controllers.base import Context, Controller
+from aras_sim_bridge.control.controllers.base import Controller, ControllerContext
 from aras_sim_bridge.control.controllers.goals import (
     ABORTED,
     PREEMPTED,
@@ -72,7 +72,9 @@ class GripperActionController(Controller):
 
     action_kind = "gripper_command"
 
-    def init(self, hardware: RobotHardware, parameters: Mapping, context: Context) -> None:
+    def init(
+        self, hardware: RobotHardware, parameters: Mapping, context: ControllerContext
+    ) -> None:
         """Read joint, gains and parameters. Raises ControllerError if one is missing or invalid."""
         super().init(hardware, parameters, context)
         given = partial(read, parameters, where=context.where, fault=ControllerError)

@@ -6,8 +6,8 @@ from typing import Any
 
 from aras_sim_bridge.control.controllers.base import (
     ClaimedResources,
-    Context,
     Controller,
+    ControllerContext,
     JointStates,
     read_joint_names,
 )
@@ -42,7 +42,9 @@ class JointStateController(Controller):
         super().__init_subclass__(**options)
         cls.is_read_only = cls.update is __class__.update
 
-    def init(self, hardware: RobotHardware, parameters: Mapping, context: Context) -> None:
+    def init(
+        self, hardware: RobotHardware, parameters: Mapping, context: ControllerContext
+    ) -> None:
         """Read the parameters.
 
         Raises:

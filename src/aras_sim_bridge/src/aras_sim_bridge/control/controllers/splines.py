@@ -60,7 +60,7 @@ def fit_spline(start: Waypoint, end: Waypoint, duration: float) -> Coefficients:
     )
 
 
-class Segment:
+class SplineSegment:
     """A spline that is valid from `start_ns` to `end_ns`.
 
     Attributes:
@@ -101,7 +101,7 @@ class Segment:
         )
 
 
-class Tolerance(NamedTuple):
+class StateTolerances(NamedTuple):
     """Largest allowed errors of one joint; an error whose tolerance is 0 is not checked."""
 
     position: float = 0.0
@@ -118,4 +118,4 @@ class Tolerance(NamedTuple):
         )
 
 
-NO_TOLERANCE = Tolerance()
+NO_TOLERANCE = StateTolerances()

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from functools import partial
 
 from aras_sim_bridge import angles
-from aras_sim_bridge.control.controllers.base import Context, Controller, read_joint_names
+from aras_sim_bridge.control.controllers.base import Controller, ControllerContext, read_joint_names
 from aras_sim_bridge.control.controllers.goals import (
     ABORTED,
     PREEMPTED,
@@ -17,10 +17,10 @@ from aras_sim_bridge.control.controllers.goals import (
     SUCCEEDED,
     GoalHandle,
 )
-from aras_sim_bridge.control.controllers.splines import Segment, Waypoint
+from aras_sim_bridge.control.controllers.splines import SplineSegment, Waypoint
 from aras_sim_bridge.control.controllers.trajectory_plan import (
     JointSegments,
-    Tolerances,
+    SegmentTolerances,
     check_points,
     find_joint_columns,
     find_segment,
@@ -72,7 +72,9 @@ class JointTrajectoryController(Controller):
     state_kind = "joint_trajectory_state"
     action_kind = "follow_joint_trajectory"
 
-    def init(self, hardware: RobotHardware, parameters: Mapping, context: Context) -> None:
+    def init(
+        self, hardware: RobotHardware, parameters: Mapping, context: ControllerContext
+    ) -> None:
         """Read the parameters. Raises ControllerError if a joint, gain or parameter is invalid."""
         super().init(hardware, parameters, context)
         where = context.where
@@ -88,7 +90,7 @@ class JointTrajectoryController(Controller):
         self._stop_ns = round(stop * _NS_PER_S)
         self._state_timer = _Timer(given("state_publish_rate", float, default=50.0))
         self._feedback_timer = _Timer(given("action_monitor_rate", float, default=20.0))
-        self._tolerances = Tolerances.from_parameters(
+        self._tolerances = SegmentTolerances.from_parameters(
             given("constraints", Mapping, default={}), f"{where}/constraints", joints
         )
         self._init_output(parameters, where)
@@ -151,7 +153,7 @@ class JointTrajectoryController(Controller):
             active.on_feedback(state)
         _announce(ended)
 
-    def _sample(self, now_ns: int) -> Segment:
+    def _sample(self, now_ns: int) -> SplineSegment:
         """Update desired, actual and error states; return the first joint's current segment."""
         desired, actual, errors = self._desired, self._actual, self._errors
         present = self._segment_indices
@@ -197,7 +199,7 @@ class JointTrajectoryController(Controller):
             return self._end_goal(SUCCEEDED, ErrorCode.SUCCESSFUL)
         return None
 
-    def _make_state(self, segment: Segment, now_ns: int) -> TrajectoryState:
+    def _make_state(self, segment: SplineSegment, now_ns: int) -> TrajectoryState:
         elapsed = max(now_ns - segment.start_ns, 0) / _NS_PER_S
         begin = segment.time_from_start
         desired, actual, errors = self._desired, self._actual, self._errors
@@ -319,14 +321,17 @@ class JointTrajectoryController(Controller):
         self._segment_indices = [0] * len(segments)
 
     def _hold_position(
-        self, now_ns: int, goal: GoalHandle | None = None, tolerances: Tolerances | None = None
+        self,
+        now_ns: int,
+        goal: GoalHandle | None = None,
+        tolerances: SegmentTolerances | None = None,
     ) -> None:
         """Hold the measured position, or brake within stop_trajectory_duration if that is not 0."""
         result = []
         for k, handle in enumerate(self._handles):
             if self._stop_ns == 0 or not self._running:
                 rest = Waypoint(handle.position, 0.0, 0.0)
-                segment = Segment(now_ns, rest, now_ns, rest)
+                segment = SplineSegment(now_ns, rest, now_ns, rest)
             else:
                 segment = self._plan_braking(now_ns, self._desired[0][k], self._desired[1][k])
             if goal is not None:
@@ -334,7 +339,7 @@ class JointTrajectoryController(Controller):
             result.append([segment])
         self._follow(result)
 
-    def _plan_braking(self, now_ns: int, position: float, velocity: float) -> Segment:
+    def _plan_braking(self, now_ns: int, position: float, velocity: float) -> SplineSegment:
         """Return a segment that brings one joint to rest within stop_trajectory_duration.
 
         It is the first half of a spline that starts at the desired `position` and `velocity`, and
@@ -344,8 +349,8 @@ class JointTrajectoryController(Controller):
         begin = Waypoint(position, velocity, 0.0)
         mirror = Waypoint(position, -velocity, 0.0)
         half_ns = now_ns + self._stop_ns
-        there_and_back = Segment(now_ns, begin, now_ns + 2 * self._stop_ns, mirror)
-        return Segment(now_ns, begin, half_ns, Waypoint(*there_and_back.sample(half_ns)))
+        there_and_back = SplineSegment(now_ns, begin, now_ns + 2 * self._stop_ns, mirror)
+        return SplineSegment(now_ns, begin, half_ns, Waypoint(*there_and_back.sample(half_ns)))
 
     def _end_goal(self, status: str, code: ErrorCode, text: str = "") -> GoalHandle | None:
         goal, self._goal = self._goal, None

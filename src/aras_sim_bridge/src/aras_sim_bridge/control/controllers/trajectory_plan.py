@@ -8,7 +8,7 @@ from math import fabs, isclose, isfinite, pi
 
 from aras_sim_bridge import angles
 from aras_sim_bridge.control.controllers.goals import GoalHandle
-from aras_sim_bridge.control.controllers.splines import Segment, Tolerance, Waypoint
+from aras_sim_bridge.control.controllers.splines import SplineSegment, StateTolerances, Waypoint
 from aras_sim_bridge.control.controllers.trajectory_types import (
     ErrorCode,
     JointTolerance,
@@ -22,22 +22,22 @@ from aras_visual_servo_base.settings import read
 
 _NS_PER_S = 1e9
 
-JointSegments = list[Segment]
+JointSegments = list[SplineSegment]
 
 
 @dataclass(frozen=True, slots=True)
-class Tolerances:
+class SegmentTolerances:
     """Path and goal tolerances of each joint, in the controller's order, and of the goal time (ns).
     """
 
-    path: tuple[Tolerance, ...]
-    goal: tuple[Tolerance, ...]
+    path: tuple[StateTolerances, ...]
+    goal: tuple[StateTolerances, ...]
     goal_time_ns: int = 0
 
     @classmethod
     def from_parameters(
         cls, parameters: Mapping, where: str, joints: Sequence[str]
-    ) -> "Tolerances":
+    ) -> "SegmentTolerances":
         """Read the parameter `constraints`. Raises ControllerError for a value of a wrong type."""
         given = partial(read, parameters, where=where, fault=ControllerError)
         stopped = given("stopped_velocity_tolerance", float, default=0.01)
@@ -45,13 +45,15 @@ class Tolerances:
         for joint in joints:
             limits = given(joint, Mapping, default={})
             place = f"{where}/{joint}"
-            path.append(Tolerance(read(limits, "trajectory", float, place, ControllerError, 0.0)))
+            path.append(
+                StateTolerances(read(limits, "trajectory", float, place, ControllerError, 0.0))
+            )
             at_goal = read(limits, "goal", float, place, ControllerError, 0.0)
-            goal.append(Tolerance(at_goal, stopped))
+            goal.append(StateTolerances(at_goal, stopped))
         time = given("goal_time", float, default=0.0)
         return cls(tuple(path), tuple(goal), round(time * _NS_PER_S))
 
-    def override(self, goal: TrajectoryGoal, joints: Sequence[str]) -> "Tolerances":
+    def override(self, goal: TrajectoryGoal, joints: Sequence[str]) -> "SegmentTolerances":
         """Return a copy of these tolerances in which the tolerances of `goal` replace the defaults.
 
         Raises:
@@ -73,9 +75,9 @@ class Tolerances:
             raise TrajectoryError(ErrorCode.INVALID_GOAL, "goal_time_tolerance is not finite")
         if goal.goal_time_tolerance != 0.0:
             time_ns = round(max(goal.goal_time_tolerance, 0.0) * _NS_PER_S)
-        return Tolerances(tuple(path), tuple(at_goal), time_ns)
+        return SegmentTolerances(tuple(path), tuple(at_goal), time_ns)
 
-    def apply_to(self, segment: Segment, goal: GoalHandle, joint: int) -> None:
+    def apply_to(self, segment: SplineSegment, goal: GoalHandle, joint: int) -> None:
         """Assign a goal and its tolerances to a segment of the joint with index `joint`."""
         segment.goal = goal
         segment.path_tolerance = self.path[joint]
@@ -83,9 +85,9 @@ class Tolerances:
         segment.goal_time_ns = self.goal_time_ns
 
 
-def _override_tolerance(default: Tolerance, override: JointTolerance) -> Tolerance:
+def _override_tolerance(default: StateTolerances, override: JointTolerance) -> StateTolerances:
     values = []
-    for field in Tolerance._fields:
+    for field in StateTolerances._fields:
         tolerance = getattr(override, field)
         if not isfinite(tolerance):
             raise TrajectoryError(
@@ -93,7 +95,7 @@ def _override_tolerance(default: Tolerance, override: JointTolerance) -> Toleran
                 f"{field} tolerance of joint '{override.name}' is not finite; set a number",
             )
         values.append(getattr(default, field) if tolerance == 0.0 else max(tolerance, 0.0))
-    return Tolerance(*values)
+    return StateTolerances(*values)
 
 
 def find_segment(segments: JointSegments, time_ns: int) -> int:
@@ -172,7 +174,7 @@ def plan_segments(
     next_ns: int,
     start_ns: int,
     goal: GoalHandle | None = None,
-    tolerances: Tolerances | None = None,
+    tolerances: SegmentTolerances | None = None,
 ) -> tuple[list[JointSegments], int]:
     """Plan the segments of all joints for a new trajectory.
 
@@ -249,10 +251,10 @@ def _plan_joint(
     shift = _count_turns(start.position, points[0].positions[column]) if wraps else 0.0
     waypoints = [_make_waypoint(point, column, shift) for point in points]
     times = [start_ns + point.time_from_start_ns for point in points]
-    segments = [Segment(bridge_ns, start, times[0], waypoints[0])]
+    segments = [SplineSegment(bridge_ns, start, times[0], waypoints[0])]
     segments[0].time_from_start = (bridge_ns - start_ns) / _NS_PER_S
     for k in range(1, len(points)):
-        segment = Segment(times[k - 1], waypoints[k - 1], times[k], waypoints[k])
+        segment = SplineSegment(times[k - 1], waypoints[k - 1], times[k], waypoints[k])
         segment.time_from_start = points[k - 1].time_from_start_ns / _NS_PER_S
         segments.append(segment)
     return segments

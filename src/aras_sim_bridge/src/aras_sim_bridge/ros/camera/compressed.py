@@ -13,7 +13,7 @@ from genpy import Time
 from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import Header
 
-from aras_sim_bridge.camera import SensorFrame
+from aras_sim_bridge.camera import CameraReading
 from aras_sim_bridge.errors import CameraError
 from aras_sim_bridge.ros.runtime.publisher import SubscriberWatch, list_connections
 from aras_visual_servo_ros.parameters import InvalidParameterError, Value, get_namespace
@@ -102,7 +102,7 @@ class CompressedTopic:
         """Number of subscribers."""
         return len(list_connections(self._publisher))
 
-    def publish(self, stamp: Time, frame_id: str, frame: SensorFrame) -> None:
+    def publish(self, stamp: Time, frame_id: str, frame: CameraReading) -> None:
         """Compress and publish a camera frame in the background.
 
         The arrays of the frame must not change afterwards.
@@ -116,7 +116,7 @@ class CompressedTopic:
         with self._publishing:
             self._publisher.unregister()
 
-    def _send(self, item: tuple[Header, SensorFrame]) -> None:
+    def _send(self, item: tuple[Header, CameraReading]) -> None:
         header, frame = item
         try:
             text, data = encode(frame.image, frame.encoding, self._settings.values)
@@ -133,16 +133,16 @@ class BackgroundWorker:
     """Thread that processes items from a bounded queue; a full queue drops its oldest item."""
 
     def __init__(
-        self, work: Callable[[tuple[Header, SensorFrame]], None], backlog: int, name: str
+        self, work: Callable[[tuple[Header, CameraReading]], None], backlog: int, name: str
     ) -> None:
         """Start the thread; it calls `work` with each item, and at most `backlog` items wait."""
         self._work = work
-        self._items = collections.deque[tuple[Header, SensorFrame]](maxlen=backlog)
+        self._items = collections.deque[tuple[Header, CameraReading]](maxlen=backlog)
         self._condition = threading.Event()
         self._stopped = False
         threading.Thread(target=self._run, name=name, daemon=True).start()
 
-    def put(self, item: tuple[Header, SensorFrame]) -> None:
+    def put(self, item: tuple[Header, CameraReading]) -> None:
         """Add an item to the queue without waiting; if the queue is full, drop its oldest item."""
         self._items.append(item)
         self._condition.set()

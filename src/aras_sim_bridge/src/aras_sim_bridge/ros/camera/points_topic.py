@@ -8,9 +8,9 @@ import numpy as np
 from genpy import Time
 from sensor_msgs.msg import PointCloud2, PointField
 
-from aras_sim_bridge.camera import SensorFrame
+from aras_sim_bridge.camera import CameraReading
 from aras_sim_bridge.camera.points import COLOUR, POINT_FLOATS, PointCloud
-from aras_sim_bridge.description import DepthTopics
+from aras_sim_bridge.description import DepthDescription
 from aras_sim_bridge.ros.runtime.publisher import NonBlockingPublisher
 
 _FIELDS = [
@@ -23,7 +23,11 @@ class PointsTopic(NonBlockingPublisher):
     """Publisher of point clouds in the optical frame; all calls must come from one thread."""
 
     def __init__(
-        self, topic: str, rays: np.ndarray, settings: DepthTopics, on_change: Callable[[], None]
+        self,
+        topic: str,
+        rays: np.ndarray,
+        settings: DepthDescription,
+        on_change: Callable[[], None],
     ) -> None:
         """Advertise the topic.
 
@@ -38,7 +42,7 @@ class PointsTopic(NonBlockingPublisher):
         self._rows = settings.rows
         super().__init__(topic, PointCloud2, queue_size=1, on_change=on_change)
 
-    def send(self, stamp: Time, frame_id: str, frame: SensorFrame) -> None:
+    def send(self, stamp: Time, frame_id: str, frame: CameraReading) -> None:
         """Publish the point cloud of a frame that contains a depth image."""
         if not self.subscriber_count:
             return

@@ -9,7 +9,7 @@ from sensor_msgs.msg import CameraInfo
 from sensor_msgs.srv import SetCameraInfo
 from std_msgs.msg import Empty, String
 
-from aras_sim_bridge.camera import CameraConfig, CameraIntrinsics, SensorFrame
+from aras_sim_bridge.camera import CameraConfig, CameraIntrinsics, CameraReading
 from aras_sim_bridge.camera.mounting import MountedCamera, find_simultaneous
 from aras_sim_bridge.camera.points import clip_depth
 from aras_sim_bridge.errors import CameraError
@@ -196,7 +196,7 @@ class CameraTopics:
         mounted.sensor.depth = self._is_advertised and needs_depth
         mounted.sensor.segmentation = self._is_advertised and _has_subscribers(self._segmentation)
 
-    def _on_frame(self, frame: SensorFrame) -> None:
+    def _on_frame(self, frame: CameraReading) -> None:
         """Publish one frame on all topics that have subscribers."""
         if self._before_frame is not None:
             self._before_frame()

@@ -8,7 +8,7 @@ from aras_sim_bridge.ros.gazebo_api import attacher, lights, links, models, step
 from aras_sim_bridge.ros.gazebo_api.forces import AppliedForces
 from aras_sim_bridge.ros.gazebo_api.models import Models
 from aras_sim_bridge.ros.gazebo_api.physics import Physics
-from aras_sim_bridge.ros.gazebo_api.states import StateTopics, subscribe_states
+from aras_sim_bridge.ros.gazebo_api.states import ModelStateTopics, subscribe_states
 from aras_sim_bridge.ros.gazebo_api.world import TimeReset
 from aras_sim_bridge.ros.runtime.graph_entities import GraphEntities
 from aras_sim_bridge.ros.runtime.services import ServiceTable, find_handlers
@@ -38,7 +38,7 @@ class GazeboApi:
             extra: whether to add topics and services that are not part of gazebo_ros's API.
             link_attacher: whether to offer the services of the plug-in gazebo_ros_link_attacher.
         """
-        self.states = StateTopics(NAMESPACE, thread, extra)
+        self.states = ModelStateTopics(NAMESPACE, thread, extra)
         forces = AppliedForces(thread)
         spawned = Models(forces, graph_entities)
         physics = Physics(NAMESPACE, thread)

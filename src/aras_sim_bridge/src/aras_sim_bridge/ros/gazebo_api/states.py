@@ -31,7 +31,7 @@ METRICS_PERIOD = 0.2  # interval between two messages of performance_metrics, s 
 FACTOR_PERIOD = 1.0
 
 
-class StateTopics:
+class ModelStateTopics:
     """Publishers of model states, link states and performance.
 
     Messages are only created for topics that have subscribers.

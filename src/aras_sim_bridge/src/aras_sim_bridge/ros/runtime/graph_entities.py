@@ -15,7 +15,7 @@ from aras_sim_bridge.ros.control.manager_services import ManagerServices
 from aras_sim_bridge.ros.runtime.restart_record import RestartRecord
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.ros.sensors import SensorTopic
-from aras_sim_bridge.sensors import RateSensor
+from aras_sim_bridge.sensors import PeriodicSensor
 from aras_sim_bridge.simulation import ControlledModel
 
 log = logging.getLogger(__name__)
@@ -23,7 +23,7 @@ log = logging.getLogger(__name__)
 # Timeout of `sync`, s of wall time. A spawn that is in progress in the simulation thread may delay
 # `sync`.
 SYNC_TIMEOUT = 60.0
-Entity = ControlledModel | MountedCamera | RateSensor
+Entity = ControlledModel | MountedCamera | PeriodicSensor
 EntityInterface = ManagerServices | CameraTopics | SensorTopic
 
 
@@ -80,14 +80,14 @@ class GraphEntities:
         try:
             if isinstance(entity, ControlledModel):
                 return ManagerServices(entity, self._thread, self.restart_record)
-            if isinstance(entity, RateSensor):
+            if isinstance(entity, PeriodicSensor):
                 return SensorTopic(entity, self._thread)
             return CameraTopics(entity, self._thread, self._before_frame)
         # A failure must not affect the interfaces of other entities, so catch every exception.
         except Exception as error:
             if isinstance(entity, ControlledModel):
                 what = f"robot '{entity.name}'"
-            elif isinstance(entity, RateSensor):
+            elif isinstance(entity, PeriodicSensor):
                 what = f"sensor '{entity.description.topic}'"
             else:
                 what = f"camera '{entity.sensor.config.name}'"

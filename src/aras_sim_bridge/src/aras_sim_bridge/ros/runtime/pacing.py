@@ -22,7 +22,7 @@ WARN_BELOW = 0.95  # fraction of the desired real-time factor below which a warn
 WARN_PERIOD = 10.0  # shortest time between two warnings about the real-time factor, s of wall time
 
 
-class FactorMeter:
+class RealTimeFactorMeter:
     """Meter of the real-time factor (simulated time over wall time); warns if it is too low."""
 
     def __init__(self, clock: Callable[[], float]) -> None:
@@ -70,7 +70,7 @@ class Pacer:
         """Create a pacer; `clock` returns the wall time, s."""
         self._factor = factor
         self._clock = clock
-        self._meter = FactorMeter(clock)
+        self._meter = RealTimeFactorMeter(clock)
         self.restart(0)
 
     @property

@@ -13,7 +13,7 @@ from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.meshes.mesh import Mesh
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 
-from ...drawing.robot_visuals import collect_visuals
+from ...visualization.robot_visuals import collect_visuals
 
 # largest number of triangles that a browser without graphics card draws fast enough
 MAX_TRIANGLES = 400_000

@@ -24,7 +24,7 @@ from ..messages import MAX_BYTES, read_message
 from ..server import AuthorizedHandler, WebServer, is_local, start_server
 from ..uplot import SCRIPT, STYLE, read_uplot
 from .outbox import ACKNOWLEDGED, Outbox, to_json
-from .page import Page
+from .page_state import PageState
 from .requests import REQUESTS, Request, read_request
 
 FILES = Path(__file__).parent / "page"
@@ -42,7 +42,7 @@ class PageHost(Protocol):
     `make_update` and `take_image` are called only in the server's thread.
     """
 
-    page: Page
+    page: PageState
 
     def make_update(self) -> dict[str, Any]:
         """Return a message with all values that have changed since the last call."""

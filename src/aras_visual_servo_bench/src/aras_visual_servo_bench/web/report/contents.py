@@ -9,7 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from ...drawing.shapes import (
+from ...metrics.formatting import format_heading
+from ...plots.palette import LIVE_CURVES, SCENE, to_rgb
+from ...plots.panels import Panel, find_last_time
+from ...plots.views import interpolate_poses, select_servoing_poses
+from ...recording.film import encode_film, select_frames
+from ...recording.image_tracks import compute_tracks, find_milestones
+from ...recording.run import Run
+from ...visualization.shapes import (
     FACES,
     LINES,
     STRIP,
@@ -18,13 +25,6 @@ from ...drawing.shapes import (
     make_frustum,
     place_on_image_plane,
 )
-from ...metrics.formatting import format_heading
-from ...plots.palette import LIVE_CURVES, SCENE, to_rgb
-from ...plots.panels import Panel, find_last_time
-from ...plots.views import interpolate_poses, select_servoing_poses
-from ...recording.film import encode_film, select_frames
-from ...recording.image_tracks import compute_tracks, find_milestones
-from ...recording.run import Run
 
 MAX_POSES = 2000  # largest number of poses of a camera path
 # Largest number of points of an image trajectory, because the film draws all points at each time.

@@ -14,13 +14,13 @@ from ...observation.observation import Observation
 from ...records.outcomes import Outcome, make_outcome
 from ...records.run_record import ImageRecord
 from ...records.state import CONVERGED
-from ..base import DIAGNOSES, RunDiagnosis
+from ..base import DIAGNOSES, DiagnosisRule
 from ..evidence import Evidence
 from ..step_check import predict_distance
 
 
 @DIAGNOSES.register("camera_retreat")
-class CameraRetreat(RunDiagnosis):
+class CameraRetreat(DiagnosisRule):
     """Detection of a camera retreat from the size of the target in the image.
 
     This size gives the distance to the target, which is compared with the distances at the start
@@ -50,7 +50,7 @@ class CameraRetreat(RunDiagnosis):
         self._far_count, self._outcome = 0, Outcome()
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
-        """Update the target's visible area and diagnose the image; see `RunDiagnosis.judge`."""
+        """Update the target's visible area and diagnose the image; see `DiagnosisRule.judge`."""
         state, observation, goal = record.state, record.observation, evidence.run_context.goal
         for view in (observation, *observation.other_cameras.values()):
             if view.touched_borders:

@@ -11,12 +11,12 @@ from ...observation.observation import Observation
 from ...records.outcomes import Outcome, make_outcome
 from ...records.run_record import ImageRecord
 from ...records.state import CONVERGED
-from ..base import DIAGNOSES, RunDiagnosis
+from ..base import DIAGNOSES, DiagnosisRule
 from ..evidence import Evidence
 
 
 @DIAGNOSES.register("features_contradict")
-class FeaturesContradict(RunDiagnosis):
+class FeaturesContradict(DiagnosisRule):
     """Detection of features that stay constant, jump or contradict L while the target does not.
 
     The thresholds are constants of MotionCheck and StepCheck.
@@ -27,7 +27,7 @@ class FeaturesContradict(RunDiagnosis):
     kinds = ("scheme_fault",)
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
-        """Diagnose one image, see `RunDiagnosis.judge`."""
+        """Diagnose one image, see `DiagnosisRule.judge`."""
         state, observation, goal = record.state, record.observation, evidence.run_context.goal
         scheme, motion = evidence.run_context.scheme, evidence.motion_check
         evidence.tolerances = tolerances = np.asarray(scheme.tolerances, float)
@@ -55,7 +55,7 @@ class FeaturesContradict(RunDiagnosis):
 
 
 @DIAGNOSES.register("wrong_camera_model")
-class WrongCameraModel(RunDiagnosis):
+class WrongCameraModel(DiagnosisRule):
     """Detection of features that do not move as L and the arm's motion predict; see CameraCheck."""
 
     help = "the camera's calibration or mounting differs from the one that the controller uses"
@@ -63,7 +63,7 @@ class WrongCameraModel(RunDiagnosis):
     kinds = ("wrong_camera_model", "joint_limit")
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
-        """Diagnose one image, see `RunDiagnosis.judge`."""
+        """Diagnose one image, see `DiagnosisRule.judge`."""
         state, observation = record.state, record.observation
         # During a fast oscillation, L changes so much between two images that it does not predict
         # the motion of the features.

@@ -11,13 +11,13 @@ from ...records.remedy import Remedy
 from ...records.run_record import ImageRecord
 from ...records.state import CONVERGED, STOPPED
 from ..advice import suggest_faster_joints
-from ..base import DIAGNOSES, RunDiagnosis
+from ..base import DIAGNOSES, DiagnosisRule
 from ..evidence import Evidence
 from ..joint_check import describe_foreign_nodes, join_names
 
 
 @DIAGNOSES.register("scheme_failed")
-class SchemeFailed(RunDiagnosis):
+class SchemeFailed(DiagnosisRule):
     """Detection of a scheme that failed at an image."""
 
     help = "the scheme raised an error or returned an impossible output"
@@ -25,12 +25,12 @@ class SchemeFailed(RunDiagnosis):
     kinds = ("scheme_fault",)
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
-        """Diagnose one image, see `RunDiagnosis.judge`."""
+        """Diagnose one image, see `DiagnosisRule.judge`."""
         return make_outcome("scheme_fault", record.state.reason) if record.is_faulty else None
 
 
 @DIAGNOSES.register("stopped")
-class Stopped(RunDiagnosis):
+class Stopped(DiagnosisRule):
     """Detection of a loop that was stopped and waits for the command to start."""
 
     help = "the loop was stopped and waits for start"
@@ -38,13 +38,13 @@ class Stopped(RunDiagnosis):
     kinds = ("stopped",)
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
-        """Diagnose one image, see `RunDiagnosis.judge`."""
+        """Diagnose one image, see `DiagnosisRule.judge`."""
         state = record.state
         return make_outcome("stopped", state.reason) if state.phase == STOPPED else None
 
 
 @DIAGNOSES.register("joints_do_not_follow")
-class JointsDoNotFollow(RunDiagnosis):
+class JointsDoNotFollow(DiagnosisRule):
     """Check of the joints' motion (see JointCheck), and of other nodes that command the joints."""
 
     help = "joints do not follow their commands, or another node commands them"
@@ -52,7 +52,7 @@ class JointsDoNotFollow(RunDiagnosis):
     kinds = (JOINTS_DO_NOT_FOLLOW,)
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
-        """Diagnose one image, see `RunDiagnosis.judge`."""
+        """Diagnose one image, see `DiagnosisRule.judge`."""
         joints = evidence.joint_check
         if not joints.reason or record.state.phase == CONVERGED:
             return None

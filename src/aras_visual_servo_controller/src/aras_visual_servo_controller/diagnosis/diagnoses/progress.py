@@ -14,7 +14,7 @@ from ...records.outcomes import CALIBRATE_CAMERA, ArrivalStatus, Outcome, make_o
 from ...records.remedy import Remedy, set_value
 from ...records.run_record import ImageRecord
 from ...records.state import CONVERGED
-from ..base import DIAGNOSES, RunDiagnosis
+from ..base import DIAGNOSES, DiagnosisRule
 from ..evidence import Evidence
 
 CHECK_FEATURE_ORDER = Remedy(
@@ -26,7 +26,7 @@ CHECK_FEATURE_ORDER = Remedy(
 
 
 @DIAGNOSES.register("converged")
-class Converged(RunDiagnosis):
+class Converged(DiagnosisRule):
     """Detection of an arrival of every feature at its goal, with a bound of the remaining distance.
     """
 
@@ -38,7 +38,7 @@ class Converged(RunDiagnosis):
     INTERACTION_ERROR_FACTOR = 2.0
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
-        """Diagnose one image, see `RunDiagnosis.judge`."""
+        """Diagnose one image, see `DiagnosisRule.judge`."""
         if record.state.phase != CONVERGED:
             return None
         found, fault = _make_arrival_outcome(record.state.arrival_status), evidence.camera_fault
@@ -67,7 +67,7 @@ def _make_arrival_outcome(arrival_status: ArrivalStatus) -> Outcome:
 
 
 @DIAGNOSES.register("not_converging")
-class NotConverging(RunDiagnosis):
+class NotConverging(DiagnosisRule):
     """Search for the cause of an error that does not decrease.
 
     The thresholds are constants of ProgressCheck. This diagnosis is the last one in the order and
@@ -83,7 +83,7 @@ class NotConverging(RunDiagnosis):
              "out_of_reach")  # fmt: skip
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome:
-        """Diagnose one image, see `RunDiagnosis.judge`."""
+        """Diagnose one image, see `DiagnosisRule.judge`."""
         stalled = evidence.oscillation or evidence.progress_check.explain_stall(record.state)
         if evidence.run_context.unreachable_reason and stalled.kind != "running":
             return make_outcome("out_of_reach", evidence.run_context.unreachable_reason)

@@ -9,13 +9,13 @@ from ...observation.observation import Observation
 from ...records.outcomes import KEEP_TARGET_AT_REST, UNCOVER_TARGET, Outcome, make_outcome
 from ...records.run_record import ImageRecord
 from ...records.state import CONVERGED, HOLDING, ServoState
-from ..base import DIAGNOSES, RunDiagnosis
+from ..base import DIAGNOSES, DiagnosisRule
 from ..evidence import Evidence
 from ..progress_check import WINDOW
 
 
 @DIAGNOSES.register("target_lost")
-class TargetLost(RunDiagnosis):
+class TargetLost(DiagnosisRule):
     """Diagnosis of an image for which the scheme has no measurement.
 
     The cause is an earlier fault of the run, if there was one, otherwise the loss of the target.
@@ -29,7 +29,7 @@ class TargetLost(RunDiagnosis):
         self._loss: Outcome | None = None  # outcome of the latest loss of the target
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
-        """Diagnose one image, see `RunDiagnosis.judge`."""
+        """Diagnose one image, see `DiagnosisRule.judge`."""
         state, observation = record.state, record.observation
         if state.scheme_output is not None:
             evidence.measured_stamp, self._loss = state.stamp, None

@@ -12,13 +12,13 @@ from ...records.outcomes import Outcome, make_outcome
 from ...records.run_record import ImageRecord
 from ...records.state import CONVERGED
 from ...schemes.base import SchemeOutput
-from ..base import DIAGNOSES, RunDiagnosis
+from ..base import DIAGNOSES, DiagnosisRule
 from ..camera_check import CameraCheck
 from ..evidence import Evidence, combine_outcomes
 
 
 @DIAGNOSES.register("target_moves")
-class TargetMoves(RunDiagnosis):
+class TargetMoves(DiagnosisRule):
     """Detection of a moving target.
 
     The target moves if the features' motion cannot be explained by the camera's motion alone, but
@@ -41,7 +41,7 @@ class TargetMoves(RunDiagnosis):
         self._runaway_stamp = -np.inf
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
-        """Update the checks of cameras and gain, and diagnose the image; see `RunDiagnosis.judge`.
+        """Update the checks of cameras and gain, and diagnose the image; see `DiagnosisRule.judge`.
         """
         state, observation, run = record.state, record.observation, evidence.run_context
         if evidence.motion_check.target_motion_part > self.MIN_TARGET_PART:

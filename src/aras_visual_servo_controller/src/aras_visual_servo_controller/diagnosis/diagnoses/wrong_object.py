@@ -13,12 +13,12 @@ from ...observation.observation import Observation
 from ...records.outcomes import Outcome, make_outcome
 from ...records.run_record import ImageRecord
 from ...records.state import CONVERGED
-from ..base import DIAGNOSES, RunDiagnosis
+from ..base import DIAGNOSES, DiagnosisRule
 from ..evidence import Evidence
 
 
 @DIAGNOSES.register("wrong_object")
-class WrongObject(RunDiagnosis):
+class WrongObject(DiagnosisRule):
     """Comparison of the visible shape with that of the goal's target; see ShapeCheck."""
 
     help = "another object is detected as the target"
@@ -29,7 +29,7 @@ class WrongObject(RunDiagnosis):
         self._shapes: dict[str, ShapeCheck] = {}
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
-        """Diagnose one image, see `RunDiagnosis.judge`.
+        """Diagnose one image, see `DiagnosisRule.judge`.
 
         A wrong scheme or camera model takes precedence, because a camera that moves in a wrong
         direction also changes the visible shape.

@@ -8,7 +8,7 @@ from typing import Any
 
 from aras_visual_servo_controller.errors import ServoError
 from aras_visual_servo_controller.features.base import DepthFraction
-from aras_visual_servo_controller.settings import Settings
+from aras_visual_servo_controller.settings import ControllerSettings
 
 
 def find_feature_units(scheme: str, count: int) -> tuple[str, ...]:
@@ -43,7 +43,7 @@ def _read_attribute(scheme: str, count: int, attribute: str) -> tuple[Any, ...]:
         return ()
     try:
         values: Sequence[Any] = tuple(
-            getattr(Settings(scheme=scheme).make_scheme(), attribute) or ()
+            getattr(ControllerSettings(scheme=scheme).make_scheme(), attribute) or ()
         )
     except (ServoError, ValueError, TypeError):
         return ()

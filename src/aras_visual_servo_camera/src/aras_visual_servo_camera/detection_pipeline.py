@@ -12,12 +12,12 @@ from aras_visual_servo_base.settings import parameter
 
 from .degeneracy import gyration_radius
 from .edge_pixels import locate_covered_parts
-from .errors import CalibrationError, SegmentationError, VisionError
+from .errors import InvalidIntrinsicsError, SegmentationError, VisionError
 from .images import Image
 from .kernel import compute_kernel_features, compute_original_moments
 from .moments import MAX_ORDER, Moments
 from .pixel_coverage import compute_coverage
-from .segmentation import BY_COLOUR, Segmentation
+from .segmentation import BY_COLOUR, SegmentationSettings
 from .segmented_target import SegmentedTarget, segment
 from .undistortion import CameraModel
 
@@ -26,18 +26,15 @@ WEIGHTINGS = ("coverage", "binary")
 
 
 @dataclass(frozen=True)
-class PipelineSettings:
+class DetectionSettings:
     """Settings of the pipeline; the package's README describes them as parameters of the node."""
 
-    segmentation: Segmentation = field(default_factory=Segmentation)
+    segmentation: SegmentationSettings = field(default_factory=SegmentationSettings)
     weighting: str = parameter("coverage", choices=WEIGHTINGS)
     edge_band: int = parameter(2, least=1, most=20)
     order: int = parameter(MAX_ORDER, least=3, most=MAX_ORDER)
     layout: str = parameter("moments", choices=LAYOUTS)
     original_threshold: float = parameter(250.0, least=0.0, most=255.0)
-
-
-Settings = PipelineSettings  # the documentation's examples use this short name
 
 
 @dataclass(eq=False)
@@ -61,14 +58,14 @@ class TargetDetection:
     camera: CameraModel | None
 
 
-class Pipeline:
+class DetectionPipeline:
     """Measures the target in one image after another.
 
     It stores the intrinsics of the camera and the last position of the target.
     """
 
     def __init__(
-        self, settings: PipelineSettings, component_mask: NDArray[np.uint8] | None = None
+        self, settings: DetectionSettings, component_mask: NDArray[np.uint8] | None = None
     ) -> None:
         """Create a pipeline without a camera.
 
@@ -158,12 +155,12 @@ class Pipeline:
 
         Raises:
             DegenerateFeatureError: there is no target.
-            CalibrationError: the layout is 'moments', and the intrinsics are unknown.
+            InvalidIntrinsicsError: the layout is 'moments', and the intrinsics are unknown.
         """
         if self.settings.layout == "kernel":
             return self.compute_kernel_data(image)
         if self.camera is None:
-            raise CalibrationError(self.camera_fault)
+            raise InvalidIntrinsicsError(self.camera_fault)
         return compute_original_moments(self.make_original_mask(image), self.camera.pinhole)
 
     def compute_kernel_data(self, image: Image) -> list[float]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from aras_visual_servo_base.poses import exponential, inverse, logarithm
 
-from ..errors import ModelError
+from ..errors import TrackingModelError
 from ..undistortion import CameraModel
 from .edge_search import (
     UNKNOWN_LEVEL,
@@ -89,7 +89,7 @@ class TrackedPose:
     loss_reason: str
 
 
-class ModelTracking:
+class SolidTracking:
     """Tracks a solid from image to image; `start` sets its pose in the first image.
 
     Attributes:
@@ -129,10 +129,12 @@ class ModelTracking:
             depth: (rows, columns) depth image, m along the optical axis; None if there is none.
 
         Raises:
-            ModelError: the tracker has no start pose.
+            TrackingModelError: the tracker has no start pose.
         """
         if self._pose is None:
-            raise ModelError(f"{self.solid.name}: the tracker has no start pose; call `start`")
+            raise TrackingModelError(
+                f"{self.solid.name}: the tracker has no start pose; call `start`"
+            )
         last_pose = self._pose
         if expected_pose is None:
             expected_pose = exponential(self._motion) @ last_pose

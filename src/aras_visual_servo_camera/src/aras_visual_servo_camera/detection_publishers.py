@@ -14,6 +14,7 @@ from geometry_msgs.msg import PolygonStamped
 from sensor_msgs.msg import Image as ImageMessage
 from std_msgs.msg import Float64MultiArray
 
+from .detection_pipeline import DetectionPipeline, TargetDetection
 from .errors import VisionError
 from .images import Image
 from .messages import (
@@ -25,18 +26,20 @@ from .messages import (
 )
 from .overlay import draw
 from .parameters import VisionParameters
-from .pipeline import Pipeline, TargetDetection
 
 NAMESPACE = "/aras_visual_servo/camera/"
 MOMENTS_TOPIC = f"{NAMESPACE}moments"
 OUTLINE_TOPIC = "/aras_visual_servo/controller/desired_outline"
 
 
-class ImagePublishers:
+class DetectionPublishers:
     """Publishers of the results of one camera."""
 
     def __init__(
-        self, parameters: VisionParameters, pipeline: Pipeline, log: Callable[[str, str], None]
+        self,
+        parameters: VisionParameters,
+        pipeline: DetectionPipeline,
+        log: Callable[[str, str], None],
     ) -> None:
         """Create the publishers.
 

@@ -11,7 +11,7 @@ from std_msgs.msg import String
 
 from .errors import VisionError
 from .labels import TargetLabels, read_labels
-from .segmentation import Segmentation
+from .segmentation import SegmentationSettings
 from .segmented_target import Mask
 
 # Size of a subscriber's buffer, bytes, enough for several images. With a buffer smaller than an
@@ -20,7 +20,7 @@ BUFFER_SIZE = 2**24
 LabelCallback = Callable[[str, ImageMessage], None]
 
 
-class LabelTopics:
+class LabelSubscribers:
     """Subscribers to the label images of one camera and to the names of the labels.
 
     A label is the number that the pixels of one link of a model have in a label image. Its name is
@@ -51,8 +51,8 @@ class LabelTopics:
 
     @classmethod
     def for_segmentation(
-        cls, segmentation: Segmentation, camera: str, callback: LabelCallback
-    ) -> LabelTopics | None:
+        cls, segmentation: SegmentationSettings, camera: str, callback: LabelCallback
+    ) -> LabelSubscribers | None:
         """Return the subscribers for segmentation by label; None for any other method."""
         return (
             cls(camera, segmentation.label, callback)

@@ -23,6 +23,7 @@ from aras_visual_servo_controller.records.state import (
 from ..plots.palette import LIVE, to_rgb
 from ..recording.image_tracks import number_points
 from .feature_units import find_feature_units
+from .point_trajectory import PointTrajectory
 from .shapes import (
     ARROW,
     LINES,
@@ -36,7 +37,6 @@ from .shapes import (
     place_on_image_plane,
     transform_points,
 )
-from .track import Track
 
 GOAL, NOW, PATH, IDEAL, FEATURE = (
     to_rgb(LIVE[name]) for name in ("goal", "now", "path", "ideal", "feature")
@@ -104,8 +104,8 @@ class RunTrace:
         self.state = NO_STATE
         self._run_starts = RunStartDetector()
         self.start_pose: np.ndarray | None = None
-        self._path = Track(3, MIN_SPACING)
-        self._trajectories: dict[str, Track] = {}
+        self._path = PointTrajectory(3, MIN_SPACING)
+        self._trajectories: dict[str, PointTrajectory] = {}
 
     @property
     def pose(self) -> np.ndarray | None:
@@ -146,7 +146,7 @@ class RunTrace:
         if self.state.phase not in (SERVOING, CONVERGED):
             return
         if name not in self._trajectories:
-            self._trajectories[name] = Track(2, MIN_IMAGE_SPACING)
+            self._trajectories[name] = PointTrajectory(2, MIN_IMAGE_SPACING)
         self._trajectories[name].add(np.array([x, y]))
 
     def compute_ideal_path(self) -> np.ndarray:

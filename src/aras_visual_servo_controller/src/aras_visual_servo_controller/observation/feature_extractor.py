@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from aras_visual_servo_camera.contour import CORNER_ACCURACY, extract_outline, fit_corners
+from aras_visual_servo_camera.detection_pipeline import DetectionPipeline, DetectionSettings
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.line_fits import compute_rms_deviation
-from aras_visual_servo_camera.pipeline import Pipeline, PipelineSettings
 
 from ..kinematics.joint_sample import make_read_only_copy
 from .observation import SEGMENTED, Need
 
 if TYPE_CHECKING:
     from aras_visual_servo_camera.interaction import Plane
-    from aras_visual_servo_camera.segmentation import Segmentation
+    from aras_visual_servo_camera.segmentation import SegmentationSettings
     from aras_visual_servo_camera.trackers import Tracker
     from aras_visual_servo_camera.undistortion import CameraModel
 
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
 MeasuredFields = dict[str, object]
 
 
-class ImageReader:
+class FeatureExtractor:
     """Measurement of the images of one camera, with the camera package's pipeline and a tracker."""
 
     def __init__(
-        self, needs: frozenset[Need], segmentation: Segmentation, tracker: Tracker | None
+        self, needs: frozenset[Need], segmentation: SegmentationSettings, tracker: Tracker | None
     ) -> None:
         """Create the reader.
 
@@ -43,7 +43,7 @@ class ImageReader:
                 outline.
         """
         self.needs, self.tracker = needs, tracker
-        self.pipeline = Pipeline(PipelineSettings(segmentation))
+        self.pipeline = DetectionPipeline(DetectionSettings(segmentation))
 
     @staticmethod
     def decode_image(frame: Frame) -> Image:
@@ -100,7 +100,7 @@ class ImageReader:
         if Need.DEPTH in self.needs and depth is not None:
             fields["depth"] = _make_read_only(np.asarray(depth, np.float32))
             if plane is None and valid:
-                from .depth_image import fit_plane
+                from .plane_from_depth import fit_plane
 
                 outline = fields.get("corners", fields.get("contour"))
                 plane = fit_plane(fields["depth"], camera, outline)

@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 from aras_visual_servo_ros.parameters import get_namespace
 
 from ..kinematics.joint_controllers import choose_controllers
-from ..settings import Settings
+from ..settings import ControllerSettings
 
 STOP_TIMEOUT = 0.5  # longest wait for the controller node's service, s of wall time
 # Number of commands that can wait for a slow connection. Controllers use only the last command, but
@@ -21,7 +21,7 @@ STOP_TIMEOUT = 0.5  # longest wait for the controller node's service, s of wall 
 QUEUE_SIZE = 10
 
 
-class CommandTopics:
+class CommandPublishers:
     """Publishers of one arm's commands.
 
     There is one topic for the controller of each joint, or one topic for the controller of all.
@@ -30,7 +30,7 @@ class CommandTopics:
         is_self_subscribed: whether this node itself subscribes to the topics.
     """
 
-    def __init__(self, settings: Settings, names: Sequence[str], kind: str) -> None:
+    def __init__(self, settings: ControllerSettings, names: Sequence[str], kind: str) -> None:
         """Find the controllers of the joints in their parameters, and advertise the topics.
 
         Args:

@@ -14,13 +14,13 @@ import numpy as np
 from aras_visual_servo_controller.diagnosis.pose_uncertainty import NEGLIGIBLE_UNCERTAINTY
 from aras_visual_servo_controller.records.state import ServoState
 
-from ...drawing.feature_units import find_feature_tolerances, find_feature_units
-from ...drawing.run_trace import RunTrace
-from ...drawing.shapes import DIGITS, TEXT, Shape
+from ...visualization.feature_units import find_feature_tolerances, find_feature_units
+from ...visualization.run_trace import RunTrace
+from ...visualization.shapes import DIGITS, TEXT, Shape
 from .samples import Samples, to_json_numbers
 
 
-class Page:
+class PageState:
     """State of the live page.
 
     Attributes:

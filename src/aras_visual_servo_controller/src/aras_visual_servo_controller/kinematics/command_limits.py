@@ -17,7 +17,7 @@ JointValues = float | Sequence[float] | Mapping[str, float] | None
 
 
 @dataclass(frozen=True, eq=False)
-class Limits:
+class CommandLimits:
     """Joint limits of the commands, in the arm's order.
 
     Attributes:
@@ -41,7 +41,7 @@ class Limits:
         upper: JointValues = None,
         velocity: JointValues = None,
         acceleration: JointValues = None,
-    ) -> "Limits":
+    ) -> "CommandLimits":
         """Return the arm's limits, replaced by the given ones.
 
         The given limits must not be wider than the arm's. Without `acceleration`, accelerations are
@@ -138,7 +138,7 @@ def _merge_limits(
     return values
 
 
-def check_within_limits(q: np.ndarray, limits: Limits | Arm, what: str) -> None:
+def check_within_limits(q: np.ndarray, limits: CommandLimits | Arm, what: str) -> None:
     """Raise a ConfigurationError if joints q (n,) are outside the limits.
 
     `what` names the source of q in the message.

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from aras_visual_servo_base.poses import inverse, matrix_from_xyz_rpy
 
-from ..errors import ModelError, VisionError
+from ..errors import TrackingModelError, VisionError
 from ..markers import MarkerChoice
 from ..undistortion import CameraModel
 from .marker import MarkerTracker
@@ -21,7 +21,7 @@ START_FORMS = (
 )
 
 
-class StartPose:
+class InitialPose:
     """Start pose of a solid, from a parameter with one of three keys.
 
     - `pose`: x, y, z, roll, pitch, yaw of the solid in the frame of the arm's base (the world), m
@@ -38,10 +38,10 @@ class StartPose:
         """Parse the parameter, a mapping with one of the three keys.
 
         Raises:
-            ModelError: the parameter is invalid.
+            TrackingModelError: the parameter is invalid.
         """
         if len(entry) != 1 or next(iter(entry)) not in ("pose", "marker", "clicks"):
-            raise ModelError(
+            raise TrackingModelError(
                 "model_start must define the start pose of the model by exactly one key: "
                 f"{START_FORMS}"
             )
@@ -57,7 +57,7 @@ class StartPose:
                 if self._clicks.ndim != 2 or self._clicks.shape[1] != 5 or len(self._clicks) < 4:
                     raise ValueError("give at least four clicks of five numbers each")
         except (TypeError, ValueError, KeyError, IndexError, VisionError) as error:
-            raise ModelError(
+            raise TrackingModelError(
                 f"model_start: {self.kind} is {value}, which is invalid ({error}); set one of "
                 f"{START_FORMS}"
             ) from None
@@ -78,7 +78,7 @@ class StartPose:
         """
         if self.kind == "pose":
             if world_T_camera is None:
-                raise ModelError(
+                raise TrackingModelError(
                     "model_start: pose needs the pose of the camera, which is unknown; use marker "
                     "or clicks"
                 )
@@ -100,7 +100,7 @@ def solve_pnp(object_points: np.ndarray, points: np.ndarray) -> np.ndarray:
         points: (n, 2) images of these points, normalised.
 
     Raises:
-        ModelError: the points do not determine a pose.
+        TrackingModelError: the points do not determine a pose.
     """
     is_solved, rotation_vector, translation = cv2.solvePnP(
         np.ascontiguousarray(object_points, float), np.ascontiguousarray(points, float), np.eye(3),
@@ -112,7 +112,7 @@ def solve_pnp(object_points: np.ndarray, points: np.ndarray) -> np.ndarray:
         or not (np.isfinite(rotation_vector).all() and np.isfinite(translation).all())
         or translation[2] <= 0.0
     ):
-        raise ModelError(
+        raise TrackingModelError(
             "the points do not determine the pose of the model; use at least four points that are "
             "not on one line, and check their pixels"
         )

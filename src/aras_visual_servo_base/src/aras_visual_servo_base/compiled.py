@@ -250,8 +250,8 @@ def warn_uncached(reason: str) -> None:
         return
     uncached_reasons.append(reason)
     _log.warning(
-        "compiled functions cannot be cached (%s), so every start takes about ten seconds longer; "
-        "set NUMBA_CACHE_DIR to a writable folder with free space", reason,
+        "compiled functions cannot be cached (%s), so every start compiles them again, which can "
+        "take minutes; set NUMBA_CACHE_DIR to a writable folder with free space", reason,
     )  # fmt: skip
 
 

@@ -91,7 +91,10 @@ class Case:
         return Experiment(
             scheme=self.scheme, camera=self.camera, start=(0.0,) * 6, goal=goal,
             commands="images", duration=1e3, time_after_convergence=None,
-            controller_parameters={"start": list(self.start), **self.parameters},
+            controller_parameters={
+                "start": list(self.start),
+                **{key: value for key, value in self.parameters.items() if key != "delay"},
+            },
             **{"delay": 0.0, **self.keys},
         )  # fmt: skip
 

@@ -13,13 +13,13 @@ from scipy.spatial.transform import Rotation
 from aras_sim_bridge.description import parse_urdf
 from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.meshes.mesh import Mesh
+from aras_visual_servo_bench.ros.real_time_factor import RealTimeFactor
 from aras_visual_servo_bench.visualization import model_drawing
 from aras_visual_servo_bench.visualization.feature_units import find_feature_units
 from aras_visual_servo_bench.visualization.model_drawing import draw_model
 from aras_visual_servo_bench.visualization.point_trajectory import (
     MAX_POINTS,
     PointTrajectory,
-    RealTimeFactor,
 )
 from aras_visual_servo_bench.visualization.robot_visuals import collect_visuals
 from aras_visual_servo_bench.visualization.run_trace import (

@@ -16,6 +16,7 @@ from scipy.stats import qmc
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.description import Geometry, Light
 from aras_sim_bridge.rendering import Lighting, create_renderer
+from aras_sim_bridge.rendering.shading import pack_colour
 from aras_sim_bridge.rendering.tiles import TILE
 
 PLACES = qmc.Sobol(4, seed=3).random(64)  # in a pixel, and on a light's disc
@@ -202,7 +203,7 @@ def resolved(renderer, view):
     plain = one.canvas.shader.compute_uniform_colours(renderer.triangles, one.visible)
     if renderer.light.lights:
         plain[:] = 0
-    bits, fragments, _ = renderer.resolve(one, view, plain)
+    bits, fragments = renderer.resolve(one, view, plain, pack_colour(*renderer.background))
     tiles = one.canvas.tiles
     of = bits[:, None] >> np.arange(TILE * TILE, dtype=np.uint64) & np.uint64(1)
     of = of.reshape(tiles.rows, tiles.columns, TILE, TILE).swapaxes(1, 2)

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from aras_sim_bridge.description import Geometry
 from aras_sim_bridge.rendering import View, create_renderer
+from aras_sim_bridge.rendering.shading import pack_colour
 
 FOCAL = 100.0  # px; the eye is 1 m above what it looks at
 K = np.array([[FOCAL, 0, 23.5], [0, FOCAL, 19.5], [0, 0, 1.0]])
@@ -50,8 +51,8 @@ def strip_of(view, wide):
 def covered(renderer, view, body) -> float:
     """Area that a body covers, px, before anything is rounded."""
     one = renderer.sample(view, 1.0, -0.5)
-    edges, fragments = renderer.resolve(one, view, one.canvas.shader.compute_uniform_colours(
-        renderer.triangles, one.visible))[:2]
+    uniform = one.canvas.shader.compute_uniform_colours(renderer.triangles, one.visible)
+    edges, fragments = renderer.resolve(one, view, uniform, pack_colour(*renderer.background))
     rows = renderer.triangles.row[one.visible.triangle]
     mine = renderer.scene.compute_labels()[rows] == body.body_id
     area = float(fragments.share[mine[fragments.member]].sum())
@@ -179,7 +180,6 @@ def test_what_is_hidden_or_of_the_same_colour_costs_no_edge(bench):
     view = view_at((0.0, 0.0), 0.3)
     assert (renderer.render(view) == 255).all()
     one = renderer.sample(view, 1.0, -0.5)
-    edges = renderer.resolve(
-        one, view, one.canvas.shader.compute_uniform_colours(renderer.triangles, one.visible)
-    )[0]
+    uniform = one.canvas.shader.compute_uniform_colours(renderer.triangles, one.visible)
+    edges, _ = renderer.resolve(one, view, uniform, pack_colour(*renderer.background))
     assert not edges.any()

@@ -51,6 +51,8 @@ MEASURED = {
     ("docs/differences.md", "run"): "tests/benchmarks/original_controllers.py",
     (CAMERA_KEYS, "preset"): "tests/benchmarks/calibrate_live.py",
     ("tests/README.md", "faults"): "tests/faults",
+    ("tests/README.md", "ms per image, 2026-12-01, a shared machine with two cores"):
+        "tests/benchmarks/peers.py",
 }
 NUMBER = re.compile(r"[-+−]?\d[\d .,e\[\]%()/+−-]*(?: ?(?:s|ms|mm|m|rad|°|Hz|%|MB|min|h))?$")
 

@@ -116,7 +116,7 @@ def test_pips_package_asks_for_what_its_command_line_imports():
     known = {*told["dependencies"], *(name for some in extras.values() for name in some)}
     roots = project["tool"]["setuptools"]["packages"]["find"]["where"]
     own = {path.name for root in roots for path in (SOURCES.parent / root).iterdir()}
-    own |= {"rospy", "aras_visual_servo_ros", "std_msgs", "sensor_msgs", "geometry_msgs"}
+    own |= {"rosbag", "rospy", "aras_visual_servo_ros", "std_msgs", "sensor_msgs", "geometry_msgs"}
     asked = {"youplot==1.0.0"}  # uPlot's files, which are read and not imported
     for root in roots:
         for path in (SOURCES.parent / root).rglob("*.py"):

@@ -87,6 +87,11 @@ class Renderer:
         self._scene_version = -1
         self._closed = False
 
+    @property
+    def background(self) -> np.ndarray:
+        """Colour (3,) of pixels without a surface, rgb, 0 to 255."""
+        return 255.0 * np.array(MIDDLE if self.light.sky else self.light.background[:3])
+
     def snapshot(self) -> None:
         """Store the present poses. Images with `blend` < 1 interpolate from these poses."""
         self.scene.snapshot()
@@ -125,7 +130,7 @@ class Renderer:
         uniform = canvas.shader.compute_uniform_colours(triangles, one.visible)
         if self.light.lights:
             uniform[:] = 0
-        background = 255.0 * np.array(MIDDLE if self.light.sky else self.light.background[:3])
+        background = self.background
         packed_background = pack_colour(*background.tolist())
         edges, fragments = self.resolve(one, view, uniform, packed_background)
         light = self._compute_irradiance(one, view, edges, fragments)

@@ -15,7 +15,7 @@ from aras_visual_servo_camera.node import make_node
 from aras_visual_servo_ros.shutdown import node_main
 
 from ..errors import ConfigurationError
-from .node import ControllerNode
+from .controller_node import ControllerNode
 from .node_settings import read_node_settings
 
 CAMERA_PARAMETERS = "aras_visual_servo_camera"

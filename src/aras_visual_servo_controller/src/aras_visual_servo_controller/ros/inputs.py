@@ -14,7 +14,7 @@ from .image_input import IMAGE_NEEDS, ImageInput
 from .measurement_input import MeasurementInput
 
 if TYPE_CHECKING:
-    from aras_visual_servo_camera.node import CameraNode
+    from aras_visual_servo_camera.camera_node import CameraNode
 
 
 class Inputs:

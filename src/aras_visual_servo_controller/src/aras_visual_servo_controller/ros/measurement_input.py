@@ -20,7 +20,7 @@ from ..runner.loop_runner import LoopRunner
 from .messages import read_camera, read_moments
 
 if TYPE_CHECKING:
-    from aras_visual_servo_camera.node import CameraNode
+    from aras_visual_servo_camera.camera_node import CameraNode
 
 
 class MeasurementInput:

@@ -29,6 +29,7 @@ from aras_visual_servo_controller.observation.observation import Need
 from aras_visual_servo_controller.parameters import CameraEntry
 from aras_visual_servo_controller.records.state import Source
 from aras_visual_servo_controller.ros import (
+    controller_node,
     description,
     goal_topics,
     inputs,
@@ -462,7 +463,7 @@ def test_an_action_has_its_time(asked, kind, reason, told):
 
 def test_the_controller_is_built_for_the_robot_and_anew_for_another(graph, life, monkeypatch):
     made = []
-    monkeypatch.setattr(node, "LoopServices", lambda *given: (
+    monkeypatch.setattr(controller_node, "LoopServices", lambda *given: (
         made.append(("control", *given)), "served")[1])
     urdf = Robot(RobotSpec()).urdf
     stop = "<gazebo><plugin><eStopTopic>halt</eStopTopic></plugin></gazebo></robot>"

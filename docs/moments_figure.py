@@ -20,13 +20,17 @@ sys.path.insert(0, str(HERE.parent / "tests" / "unit" / "features"))
 
 from feature_cases import L_SHAPE, TARGET, View, grey_image, rotation
 
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.detection_pipeline import DetectionPipeline, DetectionSettings
-from aras_visual_servo_camera.features import compute_moment_features
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_camera.moment_feature_values import compute_moment_features
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_camera.orientation import Orientation, compute_third_product, rotate_third
-from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_camera.target_orientation import (
+    TargetOrientation,
+    compute_third_product,
+    rotate_third,
+)
 
 CAMERA = CameraModel(320, 240, (188.04, 0, 159.5, 0, 188.04, 119.5, 0, 0, 1))
 
@@ -83,14 +87,14 @@ def draw_branch(axes: plt.Axes) -> None:
     """Draw the agreement of third-order moments with the reference, in the image and rectified."""
     shape = (L_SHAPE - L_SHAPE.mean(axis=0)) * [1.0, 0.8]
     desired = Moments.from_polygon(shape / 0.5)
-    reference = Orientation.from_moments(desired, Plane(0, 0, 2))
+    reference = TargetOrientation.from_moments(desired, Plane(0, 0, 2))
     tilts = np.arange(-60, 61, 2.0)
     scores = {"moments of the image": [], "rectified moments": []}
     for tilt in tilts:
         view = View(shape, rotation([0, np.deg2rad(tilt), 0]), np.array([0, 0, 0.5]))
         moments = Moments.from_polygon(view.image)
         for plane, found in zip((Plane(0, 0, 2), view.plane), scores.values(), strict=True):
-            now = Orientation.from_moments(moments, plane)
+            now = TargetOrientation.from_moments(moments, plane)
             rotated = rotate_third(reference.third, now.upright_alpha - reference.upright_alpha)
             size = compute_third_product(rotated, rotated)
             size *= compute_third_product(now.third, now.third)

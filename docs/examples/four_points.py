@@ -8,11 +8,11 @@ The parts of the loop are imported from their modules; a project needs only the 
 import numpy as np
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy, pose_difference
-from aras_visual_servo_bench.plants.free_body import FreeBody
+from aras_visual_servo_bench.plants.free_camera_kinematics import FreeCameraKinematics
 from aras_visual_servo_bench.plants.imaging import ImagingSettings, capture
 from aras_visual_servo_bench.targets.geometry import PlacedTarget, PolygonTarget
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller import DifferentialIK, FeatureObserver, Goal, create_scheme
 from aras_visual_servo_controller.kinematics.differential_ik import IKSettings, solve_ik
 from aras_visual_servo_controller.kinematics.joint_sample import JointSample
@@ -39,7 +39,9 @@ def main(images: int = 240) -> float:
     goal = Goal.teach(scheme, at_goal)
     scheme.check(goal)
 
-    arm = FreeBody(WORLD_T_START)  # q (6,) is the logarithm of the camera's displacement
+    arm = FreeCameraKinematics(
+        WORLD_T_START
+    )  # q (6,) is the logarithm of the camera's displacement
     ik = DifferentialIK(arm, settings=IKSettings.for_free_camera(DEPTH, hold_gain=1.5))
     observer = FeatureObserver(arm, scheme.needs, compute_plane=goal.compute_plane)
     q = np.zeros(6)

@@ -25,8 +25,8 @@ from feature_scenes import CORNERS, GOAL, PARALLELOGRAM, VIEWS, look
 
 from aras_visual_servo_bench.targets.rendering import render_target as picture
 from aras_visual_servo_bench.targets.target_factory import make_target
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.features import FEATURES
 from aras_visual_servo_controller.features.base import Feature
 from aras_visual_servo_controller.goals.goal import Goal

@@ -42,7 +42,7 @@ def robot(**arguments: object) -> Iterator[tuple[int, Any]]:
             launched.wait_for_nodes(["/gazebo"])
             import rospy
 
-            from aras_visual_servo_ros.connections import find_publishers
+            from aras_visual_servo_ros.rospy_patches import find_publishers
 
             find_publishers()
             rospy.init_node("benchmark", disable_rostime=True, disable_signals=True)

@@ -30,15 +30,15 @@ import checkout  # noqa: F401
 import cv2
 import numpy as np
 
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.detection_pipeline import DetectionPipeline, DetectionSettings
-from aras_visual_servo_camera.features import PAPER_FEATURES, Reference
-from aras_visual_servo_camera.features import compute_moment_features as compute
 from aras_visual_servo_camera.images import decode
 from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_camera.moment_feature_values import PAPER_FEATURES, Reference
+from aras_visual_servo_camera.moment_feature_values import compute_moment_features as compute
 from aras_visual_servo_camera.moments import Moments, Pinhole
-from aras_visual_servo_camera.segmentation import SegmentationSettings
+from aras_visual_servo_camera.segmentation_settings import SegmentationSettings
 from aras_visual_servo_camera.segmented_target import segment
-from aras_visual_servo_camera.undistortion import CameraModel
 
 SIZES = {"320x240": (320, 240), "640x480": (640, 480)}
 PARTS = {"5%": 0.05, "30%": 0.30}

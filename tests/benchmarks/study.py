@@ -24,11 +24,11 @@ from pathlib import Path
 
 import checkout  # noqa: F401
 
-from aras_visual_servo_bench.studies import engine
+from aras_visual_servo_bench.studies import study_execution as engine
 from aras_visual_servo_bench.studies.pools import DaskPool, InProcessPool, Pool
-from aras_visual_servo_bench.studies.progress import Progress
 from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_bench.studies.study_folder import TIMES, StudyFolder
+from aras_visual_servo_bench.studies.study_progress import StudyProgress
 
 LONG = {"experiment": {"plant": "bullet", "duration": 3.0, "time_after_convergence": None,
                        "start": {"height": [0.15, 0.4], "side": 0.05}}}  # fmt: skip
@@ -41,7 +41,7 @@ def resident_mb() -> float:
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
-class Watched(Progress):
+class Watched(StudyProgress):
     """Progress display that records the memory when chunks are finished."""
 
     def __init__(self, total: int) -> None:

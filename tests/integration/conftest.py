@@ -107,7 +107,7 @@ def ros_node(ros_master: RosMaster) -> str:
     """Make this process a node of the session's graph with wall time; return its name."""
     import rospy
 
-    from aras_visual_servo_ros.connections import find_publishers
+    from aras_visual_servo_ros.rospy_patches import find_publishers
 
     find_publishers()
     # A launch file before may have set /use_sim_time: rospy would then hear /clock itself, and of

@@ -15,7 +15,7 @@ from ros_graph import wait_for
 from sensor_msgs.msg import JointState
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy, pose_difference
-from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.kinematics import Arm
 from aras_visual_servo_controller.observation.feature_observer import FeatureObserver

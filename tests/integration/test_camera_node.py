@@ -14,9 +14,9 @@ from ros_graph import PATIENCE, RosMaster, wait_for
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float64MultiArray
 
-from aras_visual_servo_camera.features import PAPER_FEATURES, Reference
-from aras_visual_servo_camera.features import compute_moment_features as compute
 from aras_visual_servo_camera.messages import read_moments_message
+from aras_visual_servo_camera.moment_feature_values import PAPER_FEATURES, Reference
+from aras_visual_servo_camera.moment_feature_values import compute_moment_features as compute
 
 NODE = ["rosrun", "aras_visual_servo_camera", "aras_visual_servo_camera_node"]
 K = [200.0, 0, 159.5, 0, 200.0, 119.5, 0, 0, 1]

@@ -28,8 +28,8 @@ from aras_visual_servo_bench.ros.bag import read_bag
 from aras_visual_servo_bench.runner.loop import Loop
 from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.web.report.write import write_report
+from aras_visual_servo_camera.camera_model import normalise_pixels
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_camera.undistortion import normalise_pixels
 from aras_visual_servo_controller.ros.messages import make_report_message, make_state_message
 
 NAMESPACE = "/aras_visual_servo"

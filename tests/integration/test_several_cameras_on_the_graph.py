@@ -24,7 +24,7 @@ from tf.transformations import quaternion_from_euler
 
 from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.setup.assembly import assemble
-from aras_visual_servo_bench.targets.files import write_description
+from aras_visual_servo_bench.targets.target_files import write_description
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "docs" / "examples"

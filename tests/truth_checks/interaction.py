@@ -13,10 +13,10 @@ from aras_visual_servo_base.poses import adjoint, relative_pose
 from aras_visual_servo_bench.targets.geometry import PolygonTarget, Target
 from aras_visual_servo_bench.targets.rendering import render_target
 from aras_visual_servo_bench.targets.target_factory import make_target
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.features import FEATURES, Feature, FeatureMeasurement
-from aras_visual_servo_controller.features.luminance import Luminance, LuminanceMap
+from aras_visual_servo_controller.features.luminance import LinearLuminanceFeature, Luminance
 from aras_visual_servo_controller.features.matches import Matches
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
@@ -78,7 +78,7 @@ def _named(*words: str) -> frozenset[str]:
 
 def _kinds() -> list[_Kind]:
     photometric = _named("luminance", "photometric")
-    sums = frozenset(n for n in photometric if issubclass(FEATURES[n], LuminanceMap))
+    sums = frozenset(n for n in photometric if issubclass(FEATURES[n], LinearLuminanceFeature))
     grey, kernel = photometric - sums, frozenset(("kernel",))
     matched, stereo = _named("matches"), _named("stereo")
     cornered = frozenset(
@@ -179,7 +179,7 @@ def _get_values(feature: Feature, measured: FeatureMeasurement) -> tuple[np.ndar
     have no other values that correspond between images.
     """
     L = measured.L
-    if not isinstance(feature, Luminance) or isinstance(feature, LuminanceMap | Matches):
+    if not isinstance(feature, Luminance) or isinstance(feature, LinearLuminanceFeature | Matches):
         return measured.error, L
     H, damped = L.T @ L, feature.damping / (1.0 + feature.damping)
     return L.T @ measured.error, H - damped * np.diag(H.diagonal())

@@ -3,8 +3,8 @@
 import pytest
 
 from aras_visual_servo_controller.errors import ConfigurationError
-from aras_visual_servo_controller.kinematics.joint_controllers import (
-    RosController,
+from aras_visual_servo_controller.kinematics.ros_control_controllers import (
+    RosControlController,
     choose_controllers,
     find_joint_controllers,
 )
@@ -38,8 +38,8 @@ def test_what_moves_joints_is_told_by_its_type():
     found = {one.name: one for one in find_joint_controllers(PARAMETERS)}
     assert list(found) == ["b_position_controller", "turns_b", "a_position_controller", "slow_a",
                            "push_a", "both"]  # fmt: skip
-    assert found["turns_b"] == RosController("turns_b", ("b",), "velocity", False)
-    assert found["both"] == RosController("both", ("b", "a"), "effort", True)
+    assert found["turns_b"] == RosControlController("turns_b", ("b",), "velocity", False)
+    assert found["both"] == RosControlController("both", ("b", "a"), "effort", True)
 
 
 def test_each_joint_has_its_controller_of_the_kind():
@@ -77,7 +77,7 @@ def test_a_joint_whose_controllers_take_other_commands_is_refused():
 
 def test_where_nothing_is_known_the_name_counts():
     assert choose_controllers({}, ("b",), "effort", {}, SPACE) == [
-        RosController("b_effort_controller", ("b",), "effort", False)
+        RosControlController("b_effort_controller", ("b",), "effort", False)
     ]
     assert names("velocity", parameters={}) == ["a_velocity_controller", "b_velocity_controller"]
     assert names("position", {"b": "mine"}, parameters={"rate": 3}) == [

@@ -184,7 +184,7 @@ def test_what_changes_in_another_module_counts(tmp_path, monkeypatch, decorator)
 
 
 def test_the_functions_of_a_lens_are_compiled_when_a_node_starts():
-    program = ("import aras_visual_servo_camera.undistortion\n"
+    program = ("import aras_visual_servo_camera.camera_model\n"
                "from aras_visual_servo_base.compiled import list_functions\n"
                "print([function.__name__ for function in list_functions()])")  # fmt: skip
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import yaml
 
-from aras_visual_servo_base.hand_eye import HandEyeError, read_hand_eye
+from aras_visual_servo_base.hand_eye_files import HandEyeFileError, read_hand_eye
 from aras_visual_servo_base.poses import (
     inverse,
     matrix_from_xyz_rpy,
@@ -111,7 +111,7 @@ def test_a_file_that_is_cut_off_is_refused_or_says_the_same(tmp_path, name):
         path.write_text(text[:end])
         try:
             found = read_hand_eye(path)
-        except HandEyeError as error:
+        except HandEyeFileError as error:
             assert str(path) in str(error) and "\n" not in str(error)
         else:
             np.testing.assert_allclose(found.link_T_camera, POSE, atol=1e-9, err_msg=text[:end])
@@ -136,7 +136,7 @@ def test_a_file_that_is_cut_off_is_refused_or_says_the_same(tmp_path, name):
 def test_what_is_wrong_is_named(tmp_path, text, units, says):
     path = tmp_path / "file"
     path.write_text(text)
-    with pytest.raises(HandEyeError, match=says) as refused:
+    with pytest.raises(HandEyeFileError, match=says) as refused:
         read_hand_eye(path, units)
     assert str(path) in str(refused.value) and "\n" not in str(refused.value)
 
@@ -189,6 +189,6 @@ def test_a_link_that_the_file_places_is_put_there(tmp_path):
 def test_a_link_that_cannot_carry_the_camera_is_named(tmp_path, text, link, says):
     path = tmp_path / "hand_eye"
     path.write_text(text)
-    with pytest.raises(HandEyeError, match=says):
+    with pytest.raises(HandEyeFileError, match=says):
         mount_camera(f"<robot name='r'>{LINKS}{JOINT}{CAMERA}</robot>", read_hand_eye(path), link,
                     "camera_optical_frame")  # fmt: skip

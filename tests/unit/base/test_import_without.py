@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from aras_visual_servo_base.lazy import import_without
+from aras_visual_servo_base.lazy_imports import import_without
 
 MODULES = {
     "optional_library": "",

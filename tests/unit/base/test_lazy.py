@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 PACKAGE = """
-from aras_visual_servo_base.lazy import lazy_exports
+from aras_visual_servo_base.lazy_imports import lazy_exports
 
 __all__ = ["Experiment", "Study"]
 __getattr__, __dir__ = lazy_exports(__name__, {"Experiment": ".one", "Study": ".two"})

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.recording.run import CameraRecord, Run, Verdict
-from aras_visual_servo_bench.targets.geometry import Motion, PlacedTarget, PolygonTarget
-from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_bench.targets.geometry import PlacedTarget, PolygonTarget, TargetMotion
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_controller.kinematics.ik_solution import IKSolution
 from aras_visual_servo_controller.records.outcomes import ArrivalStatus, PoseUncertainty
 from aras_visual_servo_controller.records.state import ServoState
@@ -90,7 +90,7 @@ def made_run(seed: int, decay: float) -> Run:
         cameras={"camera": CameraRecord(CameraModel(640, 400, K), exposed, arrival)},
         target=PlacedTarget(
             PolygonTarget(CORNERS), posed([[0.2, -0.3, 0.4]], [[0.2, -0.1, 0.02]])[0],
-            Motion(velocity=TWIST),
+            TargetMotion(velocity=TWIST),
         ),
         experiment=Experiment(plant="chain", gain=1.7, delay=0.043),
         settings={"gain": "1.7", "delay": "0.043"},

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from aras_visual_servo_bench.studies import rows
+from aras_visual_servo_bench.studies import run_rows as rows
 from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_bench.studies.study_folder import StudyFolder
 
@@ -33,7 +33,7 @@ def made_study(path: Path, chunks: range | None = None, **keys: Any) -> StudyFol
 
 def write_chunk(folder: StudyFolder, chunk: int) -> None:
     """Write one chunk of it."""
-    done = rows.Rows()
+    done = rows.RunRows()
     for run in folder.study.list_chunk_runs(chunk):
         values = rows.make_blank_row(folder.study, run)
         rng = np.random.default_rng(run)

@@ -7,7 +7,7 @@ import threading
 import cv2
 import numpy as np
 
-from aras_visual_servo_bench.errors import RefusedError
+from aras_visual_servo_bench.errors import RefusedRequestError
 from aras_visual_servo_bench.visualization.run_trace import RunTrace
 from aras_visual_servo_bench.web.live.page_state import PageState
 from aras_visual_servo_bench.web.live.robot_model import make_robot_model
@@ -101,11 +101,11 @@ class OfflineHost(PageHost):
     def execute(self, request):
         self.asked.append(request)
         if request.do == "hold":
-            raise RefusedError("no controller here")
+            raise RefusedRequestError("no controller here")
         if request.do == "pause":
             self.waited.set()
         if request.do == "report" and not self.waited.wait(10.0):
-            raise RefusedError("nobody else was heard meanwhile")
+            raise RefusedRequestError("nobody else was heard meanwhile")
         if request.do == "reset":
             raise ZeroDivisionError("a fault")
         return f"done: {request.do}"

@@ -10,11 +10,11 @@ import yaml
 from made_study import made_study, write_chunk
 from statsmodels.stats.proportion import proportion_confint
 
-from aras_visual_servo_bench.studies.engine import carry_out
 from aras_visual_servo_bench.studies.pools import InProcessPool
-from aras_visual_servo_bench.studies.progress import Progress
 from aras_visual_servo_bench.studies.study import Study
+from aras_visual_servo_bench.studies.study_execution import carry_out
 from aras_visual_servo_bench.studies.study_folder import StudyFolder
+from aras_visual_servo_bench.studies.study_progress import StudyProgress
 from aras_visual_servo_bench.web.browse.server import serve
 
 SIZES = (1440, 390)
@@ -33,7 +33,7 @@ def folder(tmp_path_factory):
         "experiment": {"plant": "free", "duration": 0.4, "lag": 0.0}, "vary": {"gain": [2.0, 4.0]},
     })  # fmt: skip
     run = StudyFolder.create(path / "run", study, yaml.safe_dump(study.to_mapping()))
-    carry_out(run, InProcessPool(), Progress(2))
+    carry_out(run, InProcessPool(), StudyProgress(2))
     made_study(path / "made", experiment={"plant": "free"}, repeats=10, **GRID)
     named = {"scheme": [{"name": HOSTILE}, {"name": "points"}]}
     made_study(path / HOSTILE.replace("/", ""), experiment={"plant": "free"}, cases=named)

@@ -14,9 +14,9 @@ import pytest
 from aras_visual_servo_base.settings import build
 from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.metrics.formatting import choose_unit
-from aras_visual_servo_bench.web.browse import queries
-from aras_visual_servo_bench.web.browse.queries import Filter
-from aras_visual_servo_bench.web.browse.studies import Snapshot, StudyEntry
+from aras_visual_servo_bench.web.browse import result_queries as queries
+from aras_visual_servo_bench.web.browse.result_queries import ColumnFilter
+from aras_visual_servo_bench.web.browse.studies import StudiesSnapshot, StudyEntry
 
 COUNT = 390
 
@@ -48,7 +48,9 @@ def made_columns():
 @pytest.fixture(scope="module")
 def look():
     studies = tuple(StudyEntry(name, None) for name in ("a", "c", "b"))
-    return Snapshot(1, studies, pa.table(made_columns()), {"gain": "1/s"}, {"gain": "setting"})
+    return StudiesSnapshot(
+        1, studies, pa.table(made_columns()), {"gain": "1/s"}, {"gain": "setting"}
+    )
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +60,7 @@ def table():
 
 def chosen(look, *filters, studies=()):
     """Return the rows that these filters select."""
-    asked = queries.RunSelection(studies, tuple(Filter(*one) for one in filters))
+    asked = queries.RunSelection(studies, tuple(ColumnFilter(*one) for one in filters))
     return queries.select_rows(look, asked).tolist()
 
 
@@ -111,16 +113,18 @@ def test_what_is_known_and_what_words_contain(look, table):
     with pytest.raises(StudyError, match="no study 'd'"):
         chosen(look, studies=("a", "d"))
     assert (
-        queries.select_rows(Snapshot(0, (), pa.table({})), queries.RunSelection(("a",))).size == 0
+        queries.select_rows(StudiesSnapshot(0, (), pa.table({})), queries.RunSelection(("a",))).size
+        == 0
     )
 
 
 def test_columns_have_the_unit_of_the_tables():
     values = {"distance": [0.0, 2e-4, 5e-4, None], "angle": [0.1, 0.2, 0.3, float("nan")],
               "delay": [0.01, 0.02, 0.03, 0.04], "word": ["1", "2", "3", "4"]}  # fmt: skip
-    snapshot = Snapshot(1, (), pa.table(values),
-                        {"distance": "m", "angle": "rad", "delay": "s", "word": "m"},
-                        {"distance": "metric", "angle": "metric", "delay": "setting"})  # fmt: skip
+    snapshot = StudiesSnapshot(
+        1, (), pa.table(values), {"distance": "m", "angle": "rad", "delay": "s", "word": "m"},
+        {"distance": "metric", "angle": "metric", "delay": "setting"},
+    )  # fmt: skip
     assert [(c["unit"], c["size"]) for c in queries.describe_columns(snapshot)] == [
         ("mm", 1e-3), ("°", pytest.approx(math.pi / 180.0)), ("s", 1.0), ("m", 1.0)]
     for name in ("distance", "angle"):
@@ -144,7 +148,7 @@ def test_columns_are_told_with_the_values_of_those_that_take_few(look):
     assert told["seed"]["values"] == [2**53 - 1, 2**53, str(2**53 + 1)]
     assert [told["distance"][key] for key in ("unit", "role", "known_count")] == ["", "", COUNT - 2]
     for count in (60, 61):
-        few = Snapshot(1, (), pa.table({"x": np.arange(count)}))
+        few = StudiesSnapshot(1, (), pa.table({"x": np.arange(count)}))
         (one,) = queries.describe_columns(few)
         assert one["values"] == (list(range(60)) if count == 60 else [])
     assert queries.to_json_value(-np.inf) == "-inf" and queries.to_json_value(np.nan) is None
@@ -158,7 +162,7 @@ def rows(look, **asked):
 
 
 def test_rows_are_a_part_of_those_in_order(look, table):
-    filters = (Filter("step", "<", 380),)
+    filters = (ColumnFilter("step", "<", 380),)
     mine = table[table.step < 380]
     at = look.table.column_names.index("step")
     for column, descending in itertools.product(
@@ -172,7 +176,7 @@ def test_rows_are_a_part_of_those_in_order(look, table):
     plainly = rows(look, filters=filters)["rows"]
     assert [row[at] for row in plainly] == mine.step.tolist()[:50]
     assert len(plainly[0]) == len(look.table.column_names)
-    none = rows(look, filters=(Filter("step", "<", -1),), sort="angle")
+    none = rows(look, filters=(ColumnFilter("step", "<", -1),), sort="angle")
     assert none == {"total": 0, "success_count": 0, "rows": []}
     for wrong in ({"count": 0}, {"count": 201}, {"first": -1}):
         with pytest.raises(StudyError):
@@ -223,7 +227,7 @@ def test_of_many_words_the_commonest_have_cells(table):
 
 
 def test_groups_are_those_of_pandas(look, table):
-    asked = queries.GroupQuery(("a",), (Filter("step", "<", 350),), by=("word", "gain"),
+    asked = queries.GroupQuery(("a",), (ColumnFilter("step", "<", 350),), by=("word", "gain"),
                                 values=("angle", "distance"))  # fmt: skip
     told = queries.compute_groups(look, asked)
     mine = table[(table.study == "a") & (table.step < 350)]
@@ -251,10 +255,10 @@ def test_groups_are_those_of_pandas(look, table):
     each = queries.compute_groups(look, queries.GroupQuery(by=("step",)))
     assert sum(one["runs"] for one in each["groups"]) == COUNT and each["count"] == 12
     several = queries.compute_groups(
-        look, queries.GroupQuery((), (Filter("step", "<", 200),), ("step",))
+        look, queries.GroupQuery((), (ColumnFilter("step", "<", 200),), ("step",))
     )
     assert several["count"] == 200
-    nothing = queries.GroupQuery((), (Filter("step", "<", -1),), ("gain", "word"), ("angle",))
+    nothing = queries.GroupQuery((), (ColumnFilter("step", "<", -1),), ("gain", "word"), ("angle",))
     assert queries.compute_groups(look, nothing) == {"count": 0, "groups": []}
 
 

@@ -16,12 +16,12 @@ from aras_visual_servo_bench.experiment.cameras import CameraSpec
 from aras_visual_servo_bench.experiment.robots import Robot, RobotSpec
 from aras_visual_servo_bench.plants.dynamic_arm import TargetLink, TargetModel
 from aras_visual_servo_bench.plants.imaging import ImagingSettings
-from aras_visual_servo_bench.targets.files import write_target
-from aras_visual_servo_bench.targets.geometry import Motion, PlacedTarget, PoseHistory
+from aras_visual_servo_bench.targets.geometry import PlacedTarget, PoseHistory, TargetMotion
+from aras_visual_servo_bench.targets.target_files import write_target
 from aras_visual_servo_controller.observation.frame import Frame
 
 AT = matrix_from_xyz_rpy((0.3, 0.1, 0.7), (0.1, 0.2, 0.3))
-RISING = Motion(velocity=(0.0, 0.0, 1.0, 0.0, 0.0, 0.5))
+RISING = TargetMotion(velocity=(0.0, 0.0, 1.0, 0.0, 0.0, 0.5))
 
 
 def test_a_shown_target_is_where_it_lies_at_its_times():
@@ -49,7 +49,7 @@ def standing(robot, preset, tmp_path_factory):
     folder = tmp_path_factory.mktemp("shown")
     shown = [
         TargetModel(PlacedTarget(SQUARE, AT, motion), write_target(SQUARE, folder, name), name=name)
-        for name, motion in (("moves", RISING), ("stands", Motion()))
+        for name, motion in (("moves", RISING), ("stands", TargetMotion()))
     ]
     world = WorldFile(lights=(Light("lamp", kind="directional", direction=(0, 0, -1.0)),),
                       ground_plane=False)

@@ -17,8 +17,8 @@ from aras_visual_servo_bench.experiment.cameras import (
     read_preset,
 )
 from aras_visual_servo_bench.experiment.packages import PackagePath
+from aras_visual_servo_camera.camera_model import CameraModel, normalise_pixels
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_camera.undistortion import CameraModel, normalise_pixels
 from aras_visual_servo_controller.observation.feature_observer import FeatureObserver, observe
 from aras_visual_servo_controller.observation.frame import Frame, MeasuredTarget
 from aras_visual_servo_controller.observation.observation import Need

@@ -13,13 +13,13 @@ from aras_sim_bridge.camera.shutter import make_row_bands
 from aras_visual_servo_base.poses import exponential
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment.experiment import Experiment
-from aras_visual_servo_bench.plants.free_body import FreeBody
+from aras_visual_servo_bench.plants.free_camera_kinematics import FreeCameraKinematics
 from aras_visual_servo_bench.plants.imaging import ImagingSettings, capture
 from aras_visual_servo_bench.plants.kinematic import FreeCamera
 from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.targets.geometry import PlacedTarget
-from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_controller.observation.frame import Frame
 
 ROW, PERIOD = 1.1e-4, 1.0 / 30.0
@@ -37,7 +37,9 @@ def sight(**further):
 
 def flying(seen):
     """Return the first image of a camera that moves with a twist."""
-    plant = FreeCamera(FreeBody(ORIGIN @ exponential(-PERIOD * TWIST)), np.zeros(6), seen)
+    plant = FreeCamera(
+        FreeCameraKinematics(ORIGIN @ exponential(-PERIOD * TWIST)), np.zeros(6), seen
+    )
     plant.command("velocity", TWIST)
     readings = [r for r in until(plant, 60_000_000) if isinstance(r, Frame)]
     assert [r.stamp_ns for r in readings] == [STAMP]

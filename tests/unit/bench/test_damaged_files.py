@@ -16,7 +16,7 @@ from aras_sim_bridge.camera.camera_file import read_camera
 from aras_sim_bridge.camera.config import CameraConfig
 from aras_sim_bridge.description import parse_urdf, world_file
 from aras_visual_servo_base.errors import SimError
-from aras_visual_servo_base.hand_eye import read_hand_eye
+from aras_visual_servo_base.hand_eye_files import read_hand_eye
 from aras_visual_servo_base.meshes import files as mesh_files
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_base.yaml_files import read_text

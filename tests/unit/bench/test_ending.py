@@ -7,8 +7,8 @@ import pytest
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.runner.ideal_run_termination import IdealRunTermination
 from aras_visual_servo_bench.runner.loop import Loop
-from aras_visual_servo_bench.runner.run_termination import RunTermination
 from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_controller.records.outcomes import Outcome
 from aras_visual_servo_controller.records.state import CONVERGED, SERVOING, ServoState
@@ -31,7 +31,7 @@ def ending(ideal=None, first=(2.0, 0.4), goal=(1.0, 0.0), motion=None, **keys):
         "target": target | ({"motion": motion} if motion else {}),
         "start": {"pose": [0.0, 0.0, first[0], np.pi, 0.0, first[1]]},
         "goal": {"pose": [goal[1], 0.0, goal[0], np.pi, 0.0, 0.0]}, **keys})  # fmt: skip
-    return RunTermination(experiment, assemble(experiment))
+    return IdealRunTermination(experiment, assemble(experiment))
 
 
 def state(error=(1.0, 1.0), phase=SERVOING, outcome="running", stamp=0.0):

@@ -10,7 +10,7 @@ import yaml
 
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment.experiment import CameraPoseSpec, Experiment, RandomStart
-from aras_visual_servo_bench.targets.geometry import Motion
+from aras_visual_servo_bench.targets.geometry import TargetMotion
 from aras_visual_servo_bench.targets.target_spec import TargetSpec
 
 
@@ -118,7 +118,7 @@ def test_with_changes_the_keys_that_it_names_and_nothing_else():
     )  # fmt: skip
     assert changed.camera == {"preset": "noisy", "effects": {"drop_probability": 0.3}}
     assert changed.target.shape == "l_shape" and changed.target.size == (0.1, 0.1)
-    assert changed.target.motion == Motion(velocity=(0.1, 0, 0, 0, 0, 0), begin=1.0)
+    assert changed.target.motion == TargetMotion(velocity=(0.1, 0, 0, 0, 0, 0), begin=1.0)
     assert changed.controller_parameters == {"max_velocity": 0.5, "hold": 0.1} and changed.seed == 3
     assert base.with_changes(target=TargetSpec(shape="square")).target == TargetSpec(shape="square")
     assert base.with_changes(start={"side": 0.2}).start == RandomStart(side=0.2)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from aras_visual_servo_bench.errors import RefusedError
+from aras_visual_servo_bench.errors import RefusedRequestError
 from aras_visual_servo_bench.ros.session_files import REPORT_FOLDER, SessionFiles
 
 ROSLAUNCH = """#!/bin/sh
@@ -71,10 +71,10 @@ def say(files, text):
 def test_nothing_is_recorded_where_no_simulator_answers(files):
     """The recorder waited for a time, and the page had no answer."""
     def check():
-        raise RefusedError("/gazebo/get_world_properties does not answer")
+        raise RefusedRequestError("/gazebo/get_world_properties does not answer")
 
     files.check_recording = check
-    with pytest.raises(RefusedError, match="does not answer"):
+    with pytest.raises(RefusedRequestError, match="does not answer"):
         files.start_recording()
     assert not files.directory.exists()
 
@@ -94,7 +94,9 @@ def test_a_recorder_that_writes_is_no_trouble(kept, tmp_path):
 def test_what_stops_a_recorder_is_said_while_recording_and_at_its_end(kept, text, error, told):
     say(kept, text)
     assert kept.find_recording_error().startswith(error)
-    with pytest.raises(RefusedError, match=f"{told}.*; the bag contains the data bef.*: recorded"):
+    with pytest.raises(
+        RefusedRequestError, match=f"{told}.*; the bag contains the data bef.*: recorded"
+    ):
         kept.stop_recording()
     assert kept.last_bag.suffix == ".bag" and kept.last_bag.is_file()
 
@@ -102,22 +104,26 @@ def test_what_stops_a_recorder_is_said_while_recording_and_at_its_end(kept, text
 def test_of_a_recorder_that_died_the_unclosed_bag_is_kept_for_the_report(kept, tmp_path):
     (tmp_path / "state" / "dead").touch()
     say(kept, TORN + DIED)
-    with pytest.raises(RefusedError, match="Error writing to file.* error: recorded .*active"):
+    with pytest.raises(
+        RefusedRequestError, match="Error writing to file.* error: recorded .*active"
+    ):
         kept.stop_recording()
     assert kept.last_bag.name.endswith(".bag.active") and kept.open_bag is None
 
 
 def test_what_is_not_recorded_is_neither_closed_nor_reported(kept):
-    with pytest.raises(RefusedError, match=f"^already recording to {kept.open_bag}$"):
+    with pytest.raises(RefusedRequestError, match=f"^already recording to {kept.open_bag}$"):
         kept.start_recording()
-    with pytest.raises(RefusedError, match="a bag is being recorded: stop the recording first"):
+    with pytest.raises(
+        RefusedRequestError, match="a bag is being recorded: stop the recording first"
+    ):
         kept.make_report()
     Path(f"{kept.open_bag}.active").unlink()
-    with pytest.raises(RefusedError, match="^the recorder has written no bag: recording$"):
+    with pytest.raises(RefusedRequestError, match="^the recorder has written no bag: recording$"):
         kept.stop_recording()
-    with pytest.raises(RefusedError, match="^nothing is being recorded$"):
+    with pytest.raises(RefusedRequestError, match="^nothing is being recorded$"):
         kept.stop_recording()
-    with pytest.raises(RefusedError, match="^nothing has been recorded yet$"):
+    with pytest.raises(RefusedRequestError, match="^nothing has been recorded yet$"):
         kept.make_report()
 
 
@@ -137,7 +143,7 @@ def test_a_recorder_that_does_not_begin_is_ended(files, tmp_path, monkeypatch, s
     monkeypatch.setenv("RECORDER", said)
     monkeypatch.setattr(time, "monotonic", lambda: now[0])
     monkeypatch.setattr(time, "sleep", wait)
-    with pytest.raises(RefusedError, match=f"^the recorder did not start: {told}$"):
+    with pytest.raises(RefusedRequestError, match=f"^the recorder did not start: {told}$"):
         files.start_recording()
     assert now[0] == pytest.approx(100.0 + lasts, abs=0.3) and files.open_bag is None
     assert (tmp_path / "state" / "launched").read_text().endswith("stopped\n")
@@ -156,20 +162,20 @@ def test_tools_are_run_to_their_end(kept, tmp_path, monkeypatch):
     monkeypatch.setenv("STATUS", "1")
     for said, why in (("\\n two \\n\\n", "^two$"), ("", "^one$")):
         monkeypatch.setenv("SAID", said)
-        with pytest.raises(RefusedError, match=why):
+        with pytest.raises(RefusedRequestError, match=why):
             kept.teach_goal("mine", "points")
     monkeypatch.setenv("STATUS", "0")
     monkeypatch.setenv("NO_PAGE", "1")
     for page in out.iterdir():
         page.unlink()
-    with pytest.raises(RefusedError, match=f"^analyze has written no page into {out}$"):
+    with pytest.raises(RefusedRequestError, match=f"^analyze has written no page into {out}$"):
         kept.make_report()
 
     def late(command, timeout, **keys):
         raise subprocess.TimeoutExpired(command, timeout)
 
     monkeypatch.setattr(subprocess, "run", late)
-    with pytest.raises(RefusedError, match="^teach did not finish within 90 s$"):
+    with pytest.raises(RefusedRequestError, match="^teach did not finish within 90 s$"):
         kept.teach_goal("mine", "points")
 
 

@@ -9,7 +9,8 @@ from aras_visual_servo_base.poses import exponential, inverse, logarithm
 from aras_visual_servo_bench.cli.run import find_study_file
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment.experiment import Experiment
-from aras_visual_servo_bench.learning import learned, learned_pose, policy
+from aras_visual_servo_bench.learning import learned_pose, policy
+from aras_visual_servo_bench.learning import learned_scheme as learned
 from aras_visual_servo_bench.learning.learned_pose import LearnedPose, PoseNetwork, make_inputs
 from aras_visual_servo_bench.learning.policy import (
     Policy,
@@ -102,7 +103,7 @@ def test_unseen_starts_converge():
     assert [run(experiment).outcome for experiment in planned({0})] == ["converged"]
 
 
-BY_MOMENTS = "aras_visual_servo_bench.learning.learned:LearnedScheme"
+BY_MOMENTS = "aras_visual_servo_bench.learning.learned_scheme:LearnedScheme"
 
 
 def test_a_network_learns_what_is_linear(tmp_path):

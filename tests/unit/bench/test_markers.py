@@ -8,13 +8,13 @@ from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.detection_pipeline import DetectionPipeline
-from aras_visual_servo_camera.errors import ParameterError, VisionError
+from aras_visual_servo_camera.errors import VisionError, VisionParameterError
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.markers import DICTIONARIES, SEARCHED_DICTIONARIES, MarkerChoice
 from aras_visual_servo_camera.parameters import VisionParameters
 from aras_visual_servo_camera.trackers.marker import MarkerTracker
-from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.goals.goal import Goal
 
 CAMERA = CameraModel(640, 480, (600.0, 0, 319.5, 0, 600.0, 239.5, 0, 0, 1))
@@ -67,7 +67,7 @@ def test_a_chosen_marker_is_named_where_it_is_not_in_view():
 def test_what_is_no_marker_is_refused_by_name(given, words):
     with pytest.raises(VisionError, match=words):
         MarkerChoice.read(given)
-    with pytest.raises(ParameterError, match=words):  # of the camera node
+    with pytest.raises(VisionParameterError, match=words):  # of the camera node
         VisionParameters.from_mapping({"marker": given})
     with pytest.raises(ExperimentError, match=words):
         Experiment(target={"shape": "./tags.png", "marker": given}, plant="free")

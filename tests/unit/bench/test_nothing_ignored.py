@@ -19,7 +19,12 @@ from aras_sim_bridge.camera.vibration import Shake
 from aras_visual_servo_base.setting_values import merge
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment.cameras import CalibrationOffset, CameraSpec
-from aras_visual_servo_bench.experiment.experiment import PLANTS, Experiment, IdealSpec, SunSpec
+from aras_visual_servo_bench.experiment.experiment import (
+    PLANTS,
+    Experiment,
+    IdealPlantSpec,
+    SunSpec,
+)
 from aras_visual_servo_bench.experiment.overrides import with_override
 from aras_visual_servo_bench.experiment.refused_parameters import (
     EXPERIMENT_KEYS,
@@ -27,8 +32,8 @@ from aras_visual_servo_bench.experiment.refused_parameters import (
 )
 from aras_visual_servo_bench.runner.loop import Loop
 from aras_visual_servo_bench.setup.assembly import assemble
-from aras_visual_servo_bench.targets.geometry import Motion
-from aras_visual_servo_bench.targets.target_spec import BoxSpec, TargetSpec
+from aras_visual_servo_bench.targets.geometry import TargetMotion
+from aras_visual_servo_bench.targets.target_spec import SupportBoxSpec, TargetSpec
 from aras_visual_servo_controller.laws import LAWS
 from aras_visual_servo_controller.parameters import ControllerParameters
 
@@ -270,13 +275,13 @@ EXEMPT = {
                    "target", "target_frame", "hand_eye"},
     # Keys of motion are here; of meshes, and of links: test_links_as_targets.
     "TargetSpec": {"motion", "model", "link", "scale"},
-    "BoxSpec": {"size", "mass", "friction"},  # of target.box
+    "SupportBoxSpec": {"size", "mass", "friction"},  # of target.box
     "Experiment": {
         "cameras", "target", "calibration_offset",  # their own keys are here
         "world", "hand_eye",  # test_robots, test_surroundings
         "time_after_convergence", "renderer",  # an end after convergence; all names mean one
     },
-    "IdealSpec": {f.name for f in fields(IdealSpec)},  # test_ending
+    "IdealPlantSpec": {f.name for f in fields(IdealPlantSpec)},  # test_ending
     "ControllerParameters": {
         *EXPERIMENT_KEYS,
         *GRAPH_PARAMETERS,  # refused on every plant
@@ -290,8 +295,8 @@ PREFIXES = {
     CameraConfig: "camera.", Effects: "camera.effects.", SensorModel: "camera.effects.sensor.",
     AutoExposure: "camera.effects.auto_exposure.", Shake: "camera.shake.",
     CalibrationOffset: "calibration_offset.",
-    CameraSpec: "cameras.a.", TargetSpec: "target.", Motion: "target.motion.",
-    BoxSpec: "target.box.", SunSpec: "sun.", IdealSpec: "ideal.", Experiment: "",
+    CameraSpec: "cameras.a.", TargetSpec: "target.", TargetMotion: "target.motion.",
+    SupportBoxSpec: "target.box.", SunSpec: "sun.", IdealPlantSpec: "ideal.", Experiment: "",
     ControllerParameters: "controller_parameters.",
 }  # fmt: skip
 

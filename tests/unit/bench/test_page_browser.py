@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.visualization.shapes import LINES, Shape
+from aras_visual_servo_bench.visualization.drawing_shapes import LINES, DrawingShape
 from aras_visual_servo_bench.web.live.server import serve
 
 COLOURS = """(() => {{ const c = document.querySelector("#{0} canvas, canvas#{0}");
@@ -395,7 +395,9 @@ def test_robot_camera_and_target_stay_inside_the_view(page, host, width):
         for what, links in (("run", ["camera_optical_frame"]), ("all", None)):
             for distance in (0.2, 3.0):
                 points = goal[:3, 3] + np.array([[0.0], [distance]]) * goal[:3, 0]
-                host.run_trace.target = (Shape("target", LINES, points, (1.0, 0.0, 0.0, 1.0)),)
+                host.run_trace.target = (
+                    DrawingShape("target", LINES, points, (1.0, 0.0, 0.0, 1.0)),
+                )
                 page.js(f"document.getElementById('view-{what}').click()")
                 there = "arasPage.scene.shapes.target && arasPage.scene.shapes.target.points[3]"
                 page.wait(f"Math.abs(({there}) - {points[1, 0]}) < 1e-4")

@@ -7,7 +7,7 @@ from page_host import told
 
 from aras_visual_servo_bench.web.live.outbox import MAX_UNACKNOWLEDGED, Outbox, merge_updates
 from aras_visual_servo_bench.web.live.page_state import PageState
-from aras_visual_servo_bench.web.live.samples import MAX_SAMPLES
+from aras_visual_servo_bench.web.live.plot_samples import MAX_SAMPLES
 
 
 def news(stamp, **more):

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from aras_visual_servo_bench.errors import RefusedError
+from aras_visual_servo_bench.errors import RefusedRequestError
 from aras_visual_servo_bench.web.live import page_state as page
-from aras_visual_servo_bench.web.live.requests import (
+from aras_visual_servo_bench.web.live.page_requests import (
     CHOICE_FIELDS,
     REQUESTS,
     read_request,
 )
-from aras_visual_servo_bench.web.messages import MAX_BYTES, read_message
+from aras_visual_servo_bench.web.page_messages import MAX_BYTES, read_message
 from aras_visual_servo_controller.teleop.keyboard import CAMERA_KEYS
 
 AXES = ("vx", "vy", "vz", "wx", "wy", "wz")
@@ -75,7 +75,7 @@ def test_a_request_is_read_as_it_was_sent():
     ("teach", {"name": "a\n"}, "letters, digits"),
 ])  # fmt: skip
 def test_what_is_wrong_is_refused_with_the_reason(do, given, why):
-    with pytest.raises(RefusedError) as refused:
+    with pytest.raises(RefusedRequestError) as refused:
         ask(do, **given)
     assert why in str(refused.value)
     assert "\n" not in str(refused.value)
@@ -97,12 +97,12 @@ def test_what_is_just_within_its_bounds_is_taken(do, given):
 def test_a_request_of_4096_characters_is_read():
     text = json.dumps({"do": "start"})
     assert read_message(text.ljust(4096), REQUESTS) == ("start", {})
-    with pytest.raises(RefusedError, match="a text of at most 4096 characters"):
+    with pytest.raises(RefusedRequestError, match="a text of at most 4096 characters"):
         read_message(text.ljust(4097), REQUESTS)
 
 
 def test_a_long_request_is_not_read_at_all():
-    with pytest.raises(RefusedError, match=f"at most {MAX_BYTES} characters"):
+    with pytest.raises(RefusedRequestError, match=f"at most {MAX_BYTES} characters"):
         read_message(json.dumps({"do": "start"}) + " " * MAX_BYTES, REQUESTS)
 
 
@@ -111,7 +111,7 @@ def test_a_long_request_is_not_read_at_all():
     '{"do": "start", "x": "' + "a" * MAX_BYTES + '"}',
 ])  # fmt: skip
 def test_what_is_no_request_is_refused(text):
-    with pytest.raises(RefusedError):
+    with pytest.raises(RefusedRequestError):
         read_message(text, REQUESTS)
 
 

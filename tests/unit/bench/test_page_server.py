@@ -23,13 +23,13 @@ from tornado.websocket import websocket_connect
 from aras_sim_bridge.description import parse_urdf
 from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_bench.ros.session_files import SessionFiles
+from aras_visual_servo_bench.visualization.drawing_shapes import LINES, DrawingShape
 from aras_visual_servo_bench.visualization.robot_visuals import collect_visuals
 from aras_visual_servo_bench.visualization.run_trace import RunTrace
-from aras_visual_servo_bench.visualization.shapes import LINES, Shape
 from aras_visual_servo_bench.web.live.outbox import MAX_UNACKNOWLEDGED
 from aras_visual_servo_bench.web.live.page_state import PageState
+from aras_visual_servo_bench.web.live.plot_samples import MAX_SAMPLES
 from aras_visual_servo_bench.web.live.robot_model import make_robot_model
-from aras_visual_servo_bench.web.live.samples import MAX_SAMPLES
 from aras_visual_servo_bench.web.live.server import serve
 from aras_visual_servo_bench.web.server import PortTakenError, bind_free_port
 
@@ -515,7 +515,9 @@ def test_the_page_is_told_the_tolerances_of_what_it_plots(host):
     assert controller["twist_tolerances"] == [None, pytest.approx(np.radians(0.3))]
     goal = host.run_trace.goal
     middle = goal[:3, 3] + 0.3 * goal[:3, 2]
-    host.run_trace.target = (Shape("target", LINES, middle + np.eye(3) - 1 / 3, (0, 0, 0, 1.0)),)
+    host.run_trace.target = (
+        DrawingShape("target", LINES, middle + np.eye(3) - 1 / 3, (0, 0, 0, 1.0)),
+    )
     controller = PageState().make_update(host.run_trace, [], [], 0.0)["controller"]
     host.run_trace.target = ()
     assert controller["tolerances"] == pytest.approx([7.5e-4, 7.5e-4, 1.5e-3, 0.005])

@@ -20,9 +20,9 @@ from aras_visual_servo_bench.setup.dynamic_arm_setup import (
     find_mounted_targets,
     take_first_images,
 )
-from aras_visual_servo_bench.setup.experiment_reader import read_context
 from aras_visual_servo_bench.setup.goal_teaching import needs_images, teach_goal
 from aras_visual_servo_bench.setup.imaging_setup import make_imaging_settings
+from aras_visual_servo_bench.setup.robot_camera_reader import read_context
 from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_bench.targets.textures import TexturedTarget
 from aras_visual_servo_controller.observation.frame import Frame
@@ -36,7 +36,7 @@ MOMENTS, NONE = frozenset({Need.MOMENTS}), frozenset()
 
 
 def context_of(needs=None, depth=False, label="", **keys):
-    """Return the SetupContext of an experiment; `needs` by the names of its cameras."""
+    """Return the RunSetup of an experiment; `needs` by the names of its cameras."""
     read = read_context(Experiment.from_mapping({"camera": EYE, "target": FLAT, **keys}))
     needs = needs or {read.control_camera.name: MOMENTS}
     return dataclasses.replace(read, needs=needs, has_depth=depth, labelled_link=label)

@@ -13,8 +13,8 @@ from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.plants import JointReading
 from aras_visual_servo_bench.plants.dynamic_arm import DynamicArm
-from aras_visual_servo_bench.plants.free_body import FreeBody
-from aras_visual_servo_bench.plants.ideal import ExactIK, IdealCamera
+from aras_visual_servo_bench.plants.free_camera_kinematics import FreeCameraKinematics
+from aras_visual_servo_bench.plants.ideal_camera import IdealCamera, IdealCameraIK
 from aras_visual_servo_bench.plants.imaging import ImagingSettings, capture
 from aras_visual_servo_bench.plants.kinematic import FreeCamera, KinematicArm
 from aras_visual_servo_bench.runner.loop import Loop, run
@@ -134,7 +134,7 @@ def test_a_constant_twist_is_integrated_exactly_over_any_steps(arm, sight):
     origin, twist = arm.pose(START), np.array([0.1, 0.2, -0.1, 0.9, -1.4, 0.8])
     ends = []
     for steps in (1, 7):
-        camera = FreeCamera(FreeBody(origin), np.zeros(6), sight, joint_rate=0.1)
+        camera = FreeCamera(FreeCameraKinematics(origin), np.zeros(6), sight, joint_rate=0.1)
         camera.command("velocity", twist)
         for k in range(steps):
             until(camera, round((k + 1) * 1e9 / steps))
@@ -145,7 +145,7 @@ def test_a_constant_twist_is_integrated_exactly_over_any_steps(arm, sight):
 
 @pytest.mark.parametrize("lag", [0.0, 0.08])
 def test_a_free_camera_is_where_its_coordinates_are_whatever_it_is_told(sight, lag):
-    body = FreeBody(matrix_from_xyz_rpy((0.3, -0.2, 0.9), (2.9, 0.2, 0.4)))
+    body = FreeCameraKinematics(matrix_from_xyz_rpy((0.3, -0.2, 0.9), (2.9, 0.2, 0.4)))
     begin = np.array([0.02, -0.01, 0.03, 0.1, -0.2, 0.3])
     camera = FreeCamera(body, begin, sight, joint_rate=500.0, lag=lag)
     np.testing.assert_allclose(camera.read_pose(), body.pose(begin))
@@ -175,7 +175,7 @@ def test_a_free_camera_is_where_its_coordinates_are_whatever_it_is_told(sight, l
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-3, 0.3, 1.5, 3.1, 6.0])
 def test_a_free_bodys_jacobian_is_exact_at_any_turn(arm, angle, mounted):
     mounting = matrix_from_xyz_rpy((0.02, -0.01, 0.03), (0.3, -0.4, 0.9)) if mounted else None
-    body = FreeBody(arm.pose(START), mounting)
+    body = FreeCameraKinematics(arm.pose(START), mounting)
     move, axis = np.array([0.1, -0.2, 0.05]), np.array([0.48, -0.36, 0.8])
     turned = skew(angle * axis)
     ad = np.block([[turned, skew(move)], [np.zeros((3, 3)), turned]])
@@ -189,7 +189,7 @@ def test_a_free_bodys_jacobian_is_exact_at_any_turn(arm, angle, mounted):
 
 
 def test_a_free_bodys_jacobian_is_that_of_its_pose(arm):
-    body = FreeBody(arm.pose(START))
+    body = FreeCameraKinematics(arm.pose(START))
     q, rate, h = np.array([0.1, -0.2, 0.05, 0.8, -0.5, 1.1]), np.arange(1.0, 7.0), 1e-6
     moved = np.linalg.solve(body.pose(q - h * rate), body.pose(q + h * rate))
     np.testing.assert_allclose(
@@ -201,7 +201,7 @@ def test_a_free_bodys_jacobian_is_that_of_its_pose(arm):
 def test_a_free_body_answers_what_an_arm_does():
     origin, mounting = matrix_from_xyz_rpy((0.1, 0.2, 0.9), (2.9, 0.2, 0.4)), matrix_from_xyz_rpy(
         (0.02, -0.01, 0.03), (0.1, -0.1, 0.3))
-    q, body = np.array([0.02, -0.01, 0.03, 0.1, -0.2, 0.3]), FreeBody(origin, mounting)
+    q, body = np.array([0.02, -0.01, 0.03, 0.1, -0.2, 0.3]), FreeCameraKinematics(origin, mounting)
     assert len(body) == 6 and body.names == ("x", "y", "z", "rx", "ry", "rz")
     assert np.isinf(body.upper).all() and (body.lower == -body.upper).all()
     assert np.isinf(body.velocity).all() and np.isinf(body.effort).all()
@@ -246,7 +246,7 @@ def test_joint_states_and_images_come_at_their_rates(arm, sight):
     np.testing.assert_array_equal(plant.compute_rest_poses(np.array([START, START + 0.01])),
                                   [arm.pose(START), arm.pose(START + 0.01)])
     np.testing.assert_array_equal(plant.joint_origins(START[None]), arm.joint_origins(START[None]))
-    free = FreeCamera(FreeBody(np.eye(4)), np.zeros(6), sight)
+    free = FreeCamera(FreeCameraKinematics(np.eye(4)), np.zeros(6), sight)
     assert free.joint_origins(np.zeros((2, 6))).shape == (2, 0, 3)
     assert free.compute_rest_poses(np.zeros((0, 6))).shape == (0, 4, 4)
     pose = free.read_rest_pose()
@@ -356,7 +356,7 @@ Q, TWIST = np.array([0.02, -0.01, 0.03, 0.1, -0.2, 0.3]), np.array([0.1, -0.3, 0
 
 def test_the_ideal_camera_flies_an_exact_motion_an_image(sight):
     """By the twist of the believed camera, which sits beside the true one."""
-    body, believed = FreeBody(ORIGIN), FreeBody(ORIGIN, MOUNTING)
+    body, believed = FreeCameraKinematics(ORIGIN), FreeCameraKinematics(ORIGIN, MOUNTING)
     plant = IdealCamera(body, believed, Q, dataclasses.replace(sight, rate=8.0))
     joints, seen = plant.advance(10**9)
     assert (plant.time_ns, joints.stamp_ns, seen.stamp_ns) == (0, 0, 0)
@@ -380,8 +380,8 @@ def test_the_ideal_camera_flies_an_exact_motion_an_image(sight):
 @pytest.mark.parametrize(("speed", "slowed"), [(None, 1.0), ((0.1, 1.0), 3.0), ((1.0, 0.2), 3.0),
                                                ((0.9, 0.9), 1.0)])
 def test_an_exact_resolver_reaches_with_the_next_image_what_the_twist_reaches(speed, slowed):
-    body = FreeBody(ORIGIN, MOUNTING)
-    found = ExactIK(body, 20.0, speed).solve(Q, Task.from_twist(TWIST), 9.0)
+    body = FreeCameraKinematics(ORIGIN, MOUNTING)
+    found = IdealCameraIK(body, 20.0, speed).solve(Q, Task.from_twist(TWIST), 9.0)
     reached = body.pose(Q) @ exponential(TWIST / slowed / 20.0)
     np.testing.assert_allclose(body.pose(Q + found.velocities / 20.0), reached, atol=1e-12)
     np.testing.assert_array_equal(found.primary, found.velocities)

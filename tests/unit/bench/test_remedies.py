@@ -23,7 +23,13 @@ from aras_visual_servo_controller.diagnosis.advice import (
 from aras_visual_servo_controller.diagnosis.evidence import combine_outcomes
 from aras_visual_servo_controller.laws.registry import create_law
 from aras_visual_servo_controller.records.outcomes import REMEDIES, UNCOVER_TARGET, Outcome
-from aras_visual_servo_controller.records.remedy import Change, Remedy, multiply, remove, set_value
+from aras_visual_servo_controller.records.remedy import (
+    Remedy,
+    SettingChange,
+    multiply,
+    remove,
+    set_value,
+)
 from aras_visual_servo_controller.schemes.registry import create_scheme
 from aras_visual_servo_controller.settings import ControllerSettings
 
@@ -46,13 +52,16 @@ def changed(*changes, **keys):
 def test_a_remedy_is_its_sentence_and_keeps_its_changes():
     made = Remedy("lower the gain", multiply("gain", 0.1234), set_value("interaction", "mean"))
     assert made == "lower the gain: multiply gain by 0.12 and set interaction to mean"
-    assert made.changes == (Change("gain", "multiply", 0.12), Change("interaction", "set", "mean"))
+    assert made.changes == (
+        SettingChange("gain", "multiply", 0.12),
+        SettingChange("interaction", "set", "mean"),
+    )
     again = pickle.loads(pickle.dumps(made))
     assert again == made and again.changes == made.changes
     assert not Remedy() and str(remove("calibration_offset")) == "remove calibration_offset"
     assert str(multiply("start", 0.5)) == "multiply the start's offset from the goal by 0.5"
     with pytest.raises(ValueError, match="operation 'add' is unknown; use one of set, mul"):
-        Change("gain", "add", 1.0)
+        SettingChange("gain", "add", 1.0)
 
 
 def test_a_remedy_is_made_of_a_text_and_of_changes():

@@ -20,7 +20,8 @@ from aras_visual_servo_bench.cli import main
 from aras_visual_servo_bench.errors import BenchError
 from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.metrics import metrics, summary
-from aras_visual_servo_bench.plots import panels, style, views
+from aras_visual_servo_bench.plots import camera_figures as views
+from aras_visual_servo_bench.plots import panels, style
 from aras_visual_servo_bench.plots.time_plots import make_curve_styles
 from aras_visual_servo_bench.recording.image_tracks import (
     compute_tracks,

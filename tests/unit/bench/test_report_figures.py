@@ -12,7 +12,8 @@ import pytest
 from made_run import GOAL, JOINTS, K, corners_seen, made_run
 from matplotlib.colors import to_rgb
 
-from aras_visual_servo_bench.plots import palette, panels, style, views
+from aras_visual_servo_bench.plots import camera_figures as views
+from aras_visual_servo_bench.plots import palette, panels, style
 from aras_visual_servo_bench.plots.panels import Curve, Panel
 from aras_visual_servo_bench.plots.time_plots import Layout, draw_panels, find_symbol
 from aras_visual_servo_bench.recording.film import with_images

@@ -20,8 +20,8 @@ from aras_visual_servo_bench.recording.image_tracks import compute_tracks
 from aras_visual_servo_bench.recording.run import Verdict
 from aras_visual_servo_bench.studies.replay import run_with_images
 from aras_visual_servo_bench.web import uplot
-from aras_visual_servo_bench.web.report.contents import make_contents
 from aras_visual_servo_bench.web.report.page import to_script_json
+from aras_visual_servo_bench.web.report.report_data import make_contents
 from aras_visual_servo_bench.web.report.write import CHAPTERS, write_report
 
 HOSTILE = '</script><img src=x onerror="window.hit=1">&amp;\'"<!--'

@@ -18,9 +18,12 @@ from aras_visual_servo_bench.recording.film import make_image, with_images
 from aras_visual_servo_bench.recording.run import CameraRecord, pad_rows
 from aras_visual_servo_bench.recording.run_recorder import RunRecorder
 from aras_visual_servo_bench.setup.assembly import assemble
-from aras_visual_servo_bench.visualization.shapes import compute_image_border, place_on_image_plane
-from aras_visual_servo_bench.web.report.contents import make_contents
-from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_bench.visualization.drawing_shapes import (
+    compute_image_border,
+    place_on_image_plane,
+)
+from aras_visual_servo_bench.web.report.report_data import make_contents
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_controller.observation.frame import Frame
 from aras_visual_servo_controller.records.state import ServoState
 from aras_visual_servo_controller.schemes.base import SchemeOutput

@@ -16,8 +16,8 @@ from aras_visual_servo_bench.experiment.experiment import (
     TargetSpec,
 )
 from aras_visual_servo_bench.runner.loop import Loop, assemble, run
-from aras_visual_servo_bench.setup.sampling import POSE_TOLERANCE
-from aras_visual_servo_bench.targets.geometry import Motion
+from aras_visual_servo_bench.setup.start_sampling import POSE_TOLERANCE
+from aras_visual_servo_bench.targets.geometry import TargetMotion
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.features import Feature
 from aras_visual_servo_controller.features.base import FeatureMeasurement
@@ -104,7 +104,7 @@ def test_what_goes_wrong_while_it_runs_is_an_outcome():
 
 
 def test_a_target_that_leaves_the_view_is_an_outcome():
-    moving = TargetSpec(motion=Motion((0.8, 0.0, 0.0, 0.0, 0.0, 0.0), begin=0.3))
+    moving = TargetSpec(motion=TargetMotion((0.8, 0.0, 0.0, 0.0, 0.0, 0.0), begin=0.3))
     result = run(CHAIN.with_changes(target=dataclasses.asdict(moving), duration=3.0))
     assert result.outcome == "target_lost"
     assert not result.verdict.is_reached
@@ -149,7 +149,7 @@ def test_a_believed_depth_that_is_wrong_does_no_harm():
 
 
 def test_a_moving_target_takes_its_goal_along():
-    shift = TargetSpec(motion=Motion((0.05, 0.0, 0.0, 0.0, 0.0, 0.0)))
+    shift = TargetSpec(motion=TargetMotion((0.05, 0.0, 0.0, 0.0, 0.0, 0.0)))
     experiment = FREE.with_changes(
         target=dataclasses.asdict(shift), duration=1.0, time_after_convergence=None
     )

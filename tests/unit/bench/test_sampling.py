@@ -8,10 +8,10 @@ from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment.experiment import RandomStart
 from aras_visual_servo_bench.plants.base import CameraPlacement
-from aras_visual_servo_bench.plants.free_body import FreeBody
-from aras_visual_servo_bench.setup.sampling import draw_pose, draw_start
+from aras_visual_servo_bench.plants.free_camera_kinematics import FreeCameraKinematics
+from aras_visual_servo_bench.setup.start_sampling import draw_pose, draw_start
 from aras_visual_servo_bench.targets.geometry import PlacedTarget, PolygonTarget
-from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_controller.kinematics import Arm
 
 CAMERA = CameraModel(320, 240, (100.0, 0, 166.0, 0, 90.0, 115.0, 0, 0, 1))
@@ -59,7 +59,7 @@ def test_the_last_joint_begins_at_the_turn_that_was_drawn(low, high, goal):
 
 
 def test_a_start_lies_above_the_middle_of_a_target_that_is_turned():
-    body = FreeBody(GOAL)
+    body = FreeCameraKinematics(GOAL)
     joints = draw_start(
         RandomStart(height=(0.25, 0.25), side=0.0, turn=1.0),
         body,
@@ -95,7 +95,7 @@ def test_poses_fill_their_ranges():
     np.testing.assert_allclose(level[:3, :3], wanted, atol=1e-12)
 
 
-class Stuck(FreeBody):
+class Stuck(FreeCameraKinematics):
     """Body whose camera misses the requested pose by `off`, m, at any joints; it notes these."""
 
     def __init__(self, off=0.0, slope=0.0, lower=-1.0, upper=1.0):
@@ -159,7 +159,10 @@ def test_a_pose_is_found_to_a_tenth_of_a_millimetre_and_within_limits():
 
 
 def test_why_no_start_was_found_is_counted():
-    body, sampler = FreeBody(GOAL), RandomStart(height=(0.25, 0.25), side=0.0, attempts=3)
+    body, sampler = (
+        FreeCameraKinematics(GOAL),
+        RandomStart(height=(0.25, 0.25), side=0.0, attempts=3),
+    )
     given = (sampler, body, GOAL, np.zeros(6), PLACED, CAMERA, 3)
     words = r"no start found in 3 attempts \({}\): reduce start.height"
     with pytest.raises(ExperimentError, match=words.format("3 in collision")):

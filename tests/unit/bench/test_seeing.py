@@ -20,15 +20,15 @@ from aras_visual_servo_bench.plants.imaging import (
     collect_vibrations,
     make_exposure_schedules,
 )
-from aras_visual_servo_bench.targets.geometry import Motion, PlacedTarget, PolygonTarget
+from aras_visual_servo_bench.targets.geometry import PlacedTarget, PolygonTarget, TargetMotion
 from aras_visual_servo_bench.targets.target_factory import make_target
-from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_controller.observation.feature_extractor import FeatureExtractor
 from aras_visual_servo_controller.observation.frame import Frame
 
 CAMERA = CameraModel(60, 40, (50.0, 0, 31.0, 0, 40.0, 18.0, 0, 0, 1))
 SHAPE = PolygonTarget(((-0.2, -0.15), (0.25, -0.1), (0.2, 0.2), (-0.1, 0.1)))
-MOVES = Motion(velocity=(0.1, 0.0, 0.0, 0.0, 0.0, 0.0))
+MOVES = TargetMotion(velocity=(0.1, 0.0, 0.0, 0.0, 0.0, 0.0))
 SIGHT = ImagingSettings(
     CAMERA, PlacedTarget(SHAPE, matrix_from_xyz_rpy((0.0, 0.0, 0.1), (0.0, 0.0, 0.3)), MOVES)
 )

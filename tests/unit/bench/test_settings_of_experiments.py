@@ -8,20 +8,20 @@ from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment.cameras import CalibrationOffset, CameraSpec
 from aras_visual_servo_bench.experiment.experiment import (
     Experiment,
-    IdealSpec,
+    IdealPlantSpec,
     RandomStart,
     SunSpec,
 )
 from aras_visual_servo_bench.experiment.loop_settings import make_loop_settings
 from aras_visual_servo_bench.experiment.robots import RobotSpec
 from aras_visual_servo_bench.experiment.starts import RelativeStart
-from aras_visual_servo_bench.targets.geometry import Motion
-from aras_visual_servo_bench.targets.target_spec import BoxSpec, TargetSpec
+from aras_visual_servo_bench.targets.geometry import TargetMotion
+from aras_visual_servo_bench.targets.target_spec import SupportBoxSpec, TargetSpec
 
 ZERO = (0.0, 0.0, 0.0)
 DEFAULTS = {
     Experiment: {
-        "plant": "bullet", "ideal": IdealSpec(), "robot": RobotSpec(), "friction": True,
+        "plant": "bullet", "ideal": IdealPlantSpec(), "robot": RobotSpec(), "friction": True,
         "lag": 0.04,
         "target": TargetSpec(), "sun": SunSpec(), "world": "", "camera": "original",
         "camera_xyz": ZERO, "camera_rpy": ZERO, "calibration_offset": CalibrationOffset(),
@@ -32,7 +32,8 @@ DEFAULTS = {
         "time_after_convergence": 0.5,
         "reached": None, "seed": 0, "renderer": "auto", "record_peak_speeds": False,
     },
-    IdealSpec: {"speed": None, "stop": None, "unbounded": False, "enough": None, "farthest": None},
+    IdealPlantSpec: {"speed": None, "stop": None, "unbounded": False, "enough": None,
+                     "farthest": None},
     RandomStart: {"height": (0.15, 0.5), "side": 0.1, "turn": 2.967, "tilt": 0.0, "margin": 2.0,
                   "attempts": 500},
     SunSpec: {"diffuse": 0.8, "exposure": "unclipped", "shines": None},
@@ -44,10 +45,11 @@ DEFAULTS = {
                  "target": None,
                  "target_frame": ""},
     TargetSpec: {"shape": "aras", "size": None, "scale": None, "marker": "",
-                 "pose": (*ZERO, *ZERO), "motion": Motion(), "occluder": None, "occluded": None,
+                 "pose": (*ZERO, *ZERO), "motion": TargetMotion(), "occluder": None,
+                 "occluded": None,
                  "perturbed": False, "box": None, "model": "", "link": ""},
-    Motion: {"velocity": (*ZERO, *ZERO), "amplitude": ZERO, "frequency": 0.0, "circle": 0.0,
-             "step": ZERO, "hold": 0.0, "path": (), "begin": 0.0},
+    TargetMotion: {"velocity": (*ZERO, *ZERO), "amplitude": ZERO, "frequency": 0.0, "circle": 0.0,
+                   "step": ZERO, "hold": 0.0, "path": (), "begin": 0.0},
 }  # fmt: skip
 
 
@@ -56,7 +58,7 @@ def test_where_nothing_is_said_it_is_as_documented(kind):
     made = kind()
     found = {f.name: getattr(made, f.name) for f in dataclasses.fields(made)}
     assert {key: found[key] for key in DEFAULTS[kind]} == DEFAULTS[kind]
-    box, start = BoxSpec((0.1, 0.1, 0.1)), RelativeStart("turned")
+    box, start = SupportBoxSpec((0.1, 0.1, 0.1)), RelativeStart("turned")
     assert (box.mass, box.friction) == (0.2, 1.0)
     assert (start.angle, start.axis, start.distance, start.box, start.radii, start.turn, start.of,
             start.scatter) == (0.0, (0.0, 0.0, 1.0), 0.0, (0.6, 0.6, 0.15),
@@ -76,8 +78,8 @@ BOUNDS = [
     (Experiment, {}, "seed", 0, -1),
     *((Experiment, {}, key, SMALL, 0.0) for key in ("gain", "duration")),
     (Experiment, {}, "reached", (SMALL, SMALL), (SMALL, 0.0)),
-    *((IdealSpec, {}, key, SMALL, 0.0) for key in ("stop", "enough", "farthest")),
-    (IdealSpec, {}, "speed", (SMALL, SMALL), (0.0, SMALL)),
+    *((IdealPlantSpec, {}, key, SMALL, 0.0) for key in ("stop", "enough", "farthest")),
+    (IdealPlantSpec, {}, "speed", (SMALL, SMALL), (0.0, SMALL)),
     *((RandomStart, {}, key, 0.0, -SMALL) for key in ("side", "turn", "tilt", "margin")),
     (RandomStart, {}, "attempts", 1, 0),
     (RandomStart, {}, "height", (SMALL, SMALL), (0.0, SMALL)),
@@ -95,29 +97,54 @@ BOUNDS = [
     (RelativeStart, {}, "kind", "plane", "plan"),
     (TargetSpec, {"shape": "square"}, "size", (SMALL, 2.0), (0.0, 2.0)),
     (TargetSpec, {"shape": "a.stl"}, "scale", SMALL, 0.0),
-    (Experiment, {}, "target", TargetSpec("square", (2.0, 2.0), PLACED),
-     TargetSpec("square", (2.0, 2.01), PLACED)),
-    (TargetSpec, {"shape": "square", "occluder": ((0, 0), (1, 1))}, "occluded", ((0.0, SMALL),),
-     ((-SMALL, 1.0),)),
-    (BoxSpec, {}, "size", (SMALL, 2.0, 2.0), (0.0, 2.0, 2.0)),
-    (BoxSpec, {}, "size", (2.0, 2.0, 2.0), (2.0, 2.0, 2.01)),
-    (BoxSpec, BOX, "mass", SMALL, 0.0),
-    (BoxSpec, BOX, "friction", 0.0, -SMALL),
-    *((Motion, {}, key, 0.0, -SMALL) for key in ("frequency", "hold", "begin")),
-    (Motion, {"frequency": 1.0}, "circle", 0.0, -SMALL),
-    (Motion, {"amplitude": (0.0, 1.0, 0.0)}, "frequency", SMALL, 0.0),
-    (Motion, {"circle": 1.0}, "frequency", SMALL, 0.0),
+    (
+        Experiment,
+        {},
+        "target",
+        TargetSpec("square", (2.0, 2.0), PLACED),
+        TargetSpec("square", (2.0, 2.01), PLACED),
+    ),
+    (
+        TargetSpec,
+        {"shape": "square", "occluder": ((0, 0), (1, 1))},
+        "occluded",
+        ((0.0, SMALL),),
+        ((-SMALL, 1.0),),
+    ),
+    (SupportBoxSpec, {}, "size", (SMALL, 2.0, 2.0), (0.0, 2.0, 2.0)),
+    (SupportBoxSpec, {}, "size", (2.0, 2.0, 2.0), (2.0, 2.0, 2.01)),
+    (SupportBoxSpec, BOX, "mass", SMALL, 0.0),
+    (SupportBoxSpec, BOX, "friction", 0.0, -SMALL),
+    *((TargetMotion, {}, key, 0.0, -SMALL) for key in ("frequency", "hold", "begin")),
+    (TargetMotion, {"frequency": 1.0}, "circle", 0.0, -SMALL),
+    (TargetMotion, {"amplitude": (0.0, 1.0, 0.0)}, "frequency", SMALL, 0.0),
+    (TargetMotion, {"circle": 1.0}, "frequency", SMALL, 0.0),
     # what belongs together
     (Experiment, {"world": "a"}, "sun", SunSpec(exposure="gazebo"), SunSpec(diffuse=0.7)),
     (Experiment, {"world": "a"}, "target", {"model": "m"}, {**MAT, "model": "m"}),
     (Experiment, {}, "target", MAT, {"model": "m"}),
     (Experiment, {}, "target", MAT, {"shape": "square"}),
-    (Experiment, {}, "target", {"shape": ((0, 0), (1, 0), (0, 1))},
-     {"shape": ((0, 0), (1, 0), (0, 1)), "motion": {"circle": 1.0, "frequency": 1.0}}),
-    (Experiment, {}, "target", {**MAT, "occluder": ((0, 0), (1, 1))},
-     {"shape": "aras", "occluder": ((0, 0), (1, 1))}),
-    (Experiment, {}, "target", {**MAT, "occluder": ((0, 0), (1, 1))},
-     {"shape": ((0, 0), (1, 0), (0, 1)), "occluder": ((0, 0), (1, 1))}),
+    (
+        Experiment,
+        {},
+        "target",
+        {"shape": ((0, 0), (1, 0), (0, 1))},
+        {"shape": ((0, 0), (1, 0), (0, 1)), "motion": {"circle": 1.0, "frequency": 1.0}},
+    ),
+    (
+        Experiment,
+        {},
+        "target",
+        {**MAT, "occluder": ((0, 0), (1, 1))},
+        {"shape": "aras", "occluder": ((0, 0), (1, 1))},
+    ),
+    (
+        Experiment,
+        {},
+        "target",
+        {**MAT, "occluder": ((0, 0), (1, 1))},
+        {"shape": ((0, 0), (1, 0), (0, 1)), "occluder": ((0, 0), (1, 1))},
+    ),
     (Experiment, {"robot": {"target_frame": "hand"}}, "target", MAT, {**MAT, "box": BOX}),
     (Experiment, {}, "target", {**MAT, "box": BOX}, {"shape": "aras", "box": BOX}),
     (Experiment, {"plant": "free"}, "sun", SunSpec(), SunSpec(exposure="gazebo")),
@@ -128,8 +155,13 @@ BOUNDS = [
     (Experiment, {"plant": "free", "features": "images"}, "jitter", 0.0, 1.0),
     (Experiment, {"features": "exact"}, "jitter", 1.0, -1.0),
     (Experiment, {"cameras": {"a": {}}}, "camera", "original", "wide"),
-    (Experiment, {"cameras": {"a": {}}}, "calibration_offset", CalibrationOffset(),
-     CalibrationOffset(focal=1.1)),
+    (
+        Experiment,
+        {"cameras": {"a": {}}},
+        "calibration_offset",
+        CalibrationOffset(),
+        CalibrationOffset(focal=1.1),
+    ),
     (Experiment, {"cameras": {"a": {}}}, "plant", "free", "ideal"),
     (Experiment, {}, "cameras", {"a_1": {}}, {"1a": {}}),
     (CameraSpec, {"frame": "f"}, "pose", None, (*ZERO, *ZERO)),
@@ -139,13 +171,18 @@ BOUNDS = [
     (TargetSpec, {}, "shape", "a.png", "a"),
     (TargetSpec, {"shape": "a.stl"}, "perturbed", False, True),
     (TargetSpec, {"shape": "a.stl"}, "occluder", None, ((0, 0), (1, 1))),
-    (TargetSpec, {"shape": "box"}, "box", None, BoxSpec((0.1, 0.1, 0.1))),
+    (TargetSpec, {"shape": "box"}, "box", None, SupportBoxSpec((0.1, 0.1, 0.1))),
     (TargetSpec, {"link": "l"}, "shape", "aras", "square"),
-    (TargetSpec, {"link": "l"}, "motion", Motion(), Motion(circle=1.0, frequency=1.0)),
-    (TargetSpec, {"model": "l"}, "box", None, BoxSpec((0.1, 0.1, 0.1))),
+    (TargetSpec, {"link": "l"}, "motion", TargetMotion(), TargetMotion(circle=1.0, frequency=1.0)),
+    (TargetSpec, {"model": "l"}, "box", None, SupportBoxSpec((0.1, 0.1, 0.1))),
     (TargetSpec, {"model": "l"}, "occluder", None, ((0, 0), (1, 1))),
-    (TargetSpec, {"shape": "square", "box": BoxSpec((0.1, 0.1, 0.1))}, "motion", Motion(),
-     Motion(begin=1.0)),
+    (
+        TargetSpec,
+        {"shape": "square", "box": SupportBoxSpec((0.1, 0.1, 0.1))},
+        "motion",
+        TargetMotion(),
+        TargetMotion(begin=1.0),
+    ),
 ]
 
 
@@ -186,8 +223,8 @@ def test_names_may_be_whole_numbers():
 
 @pytest.mark.parametrize(("target", "plain", "carried", "brought", "described"), [
     ({"shape": "square"}, True, True, False, False),
-    ({"shape": "square", "motion": Motion(step=(0, 0, 1.0))}, True, False, False, False),
-    ({"shape": "square", "box": BoxSpec((0.1, 0.1, 0.1))}, False, False, False, False),
+    ({"shape": "square", "motion": TargetMotion(step=(0, 0, 1.0))}, True, False, False, False),
+    ({"shape": "square", "box": SupportBoxSpec((0.1, 0.1, 0.1))}, False, False, False, False),
     ({"shape": "square", "occluder": ((0, 0), (1, 1))}, False, False, False, False),
     ({"shape": "poster", "perturbed": True}, False, False, False, False),
     ({"model": "m"}, False, False, True, False), ({"link": "l"}, False, False, True, False),

@@ -19,7 +19,7 @@ from aras_visual_servo_bench.runner.environment import ServoEnv
 from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble, check
 from aras_visual_servo_bench.studies.replay import run_with_all_images
-from aras_visual_servo_bench.web.report.contents import make_contents
+from aras_visual_servo_bench.web.report.report_data import make_contents
 from aras_visual_servo_controller.kinematics import Arm
 
 SHAPE = [[-0.025, -0.03], [0.03, -0.025], [0.025, 0.02], [-0.015, 0.025]]

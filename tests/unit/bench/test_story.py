@@ -15,6 +15,15 @@ from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.meshes.mesh import Mesh
 from aras_visual_servo_bench.ros.real_time_factor import RealTimeFactor
 from aras_visual_servo_bench.visualization import model_drawing
+from aras_visual_servo_bench.visualization.drawing_shapes import (
+    ARROW,
+    FACES,
+    LINES,
+    MAX_VIEW_ANGLE,
+    STRIP,
+    compute_image_border,
+    place_on_image_plane,
+)
 from aras_visual_servo_bench.visualization.feature_units import find_feature_units
 from aras_visual_servo_bench.visualization.model_drawing import draw_model
 from aras_visual_servo_bench.visualization.point_trajectory import (
@@ -28,17 +37,8 @@ from aras_visual_servo_bench.visualization.run_trace import (
     MAX_ARROW,
     RunTrace,
 )
-from aras_visual_servo_bench.visualization.shapes import (
-    ARROW,
-    FACES,
-    LINES,
-    MAX_VIEW_ANGLE,
-    STRIP,
-    compute_image_border,
-    place_on_image_plane,
-)
 from aras_visual_servo_bench.web.live.robot_model import make_robot_model
-from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_camera.camera_model import CameraModel
 
 GAZEBO = Path(__file__).parents[3] / "src" / "aras_visual_servo_gazebo"
 STRAIGHT = np.array([0.1, 0.0, 0.3, -0.2, -0.1, 0.4])

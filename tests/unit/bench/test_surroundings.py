@@ -24,7 +24,7 @@ from aras_visual_servo_bench.experiment.worlds import (
 )
 from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble, check
-from aras_visual_servo_bench.setup.postures import Postures
+from aras_visual_servo_bench.setup.posture_search import PostureSearch
 from aras_visual_servo_bench.targets.solids import read_solid_target
 from aras_visual_servo_bench.targets.target_spec import TargetSpec
 from aras_visual_servo_controller.observation.frame import Frame
@@ -135,7 +135,7 @@ def test_a_link_of_the_robot_s_that_stands_is_one_too(tmp_path):
 # -- postures ------------------------------------------------------------------------------------
 
 
-class Told(Postures):
+class Told(PostureSearch):
     """Postures that hide and touch what a test says."""
 
     part, what = 0.37, "link 'a' of the arm is in 'b'"
@@ -147,7 +147,7 @@ class Told(Postures):
         return self.what
 
 
-def of(kind=Postures, **more):
+def of(kind=PostureSearch, **more):
     spec = TargetSpec("square", (0.1, 0.05), (0.0, 0.0, 0.6, 0.0, 0.0, 0.0))
     given = {"is_visible": True, "near": 0.02, **more}
     return kind("urdf", ("search",), "eye", "", spec, **given)

@@ -19,16 +19,16 @@ from aras_visual_servo_bench.experiment.experiment import Experiment, TargetSpec
 from aras_visual_servo_bench.ros.move_target import parse_motion
 from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble
-from aras_visual_servo_bench.targets.files import (
+from aras_visual_servo_bench.targets.geometry import TargetMotion
+from aras_visual_servo_bench.targets.target_factory import make_target
+from aras_visual_servo_bench.targets.target_files import (
     main,
     triangulate,
     write_description,
     write_occluder,
     write_target,
 )
-from aras_visual_servo_bench.targets.geometry import Motion
-from aras_visual_servo_bench.targets.target_factory import make_target
-from aras_visual_servo_bench.targets.target_spec import BoxSpec
+from aras_visual_servo_bench.targets.target_spec import SupportBoxSpec
 from aras_visual_servo_camera.trackers.dots import DotTracker
 from aras_visual_servo_controller.observation.feature_extractor import FeatureExtractor
 
@@ -197,7 +197,7 @@ def mesh_of(path):
 
 
 def test_a_loose_target_is_a_box_with_its_face_on_top(tmp_path):
-    box = BoxSpec(size=(0.1, 0.2, 0.3), mass=2.5, friction=0.7)
+    box = SupportBoxSpec(size=(0.1, 0.2, 0.3), mass=2.5, friction=0.7)
     made = parse_urdf(
         write_target(make_target("square", (0.1, 0.2)), tmp_path, "thing", box=box).read_text()
     )
@@ -349,8 +349,8 @@ def test_a_picture_too_large_is_told_before_anything_is_written(tmp_path, monkey
 
 def test_a_motion_by_words():
     words = ["circle=0.02", "frequency=0.2", "velocity=[0.1, 0, 0, 0, 0, 0]"]
-    assert parse_motion(words) == Motion((0.1, 0, 0, 0, 0, 0), frequency=0.2, circle=0.02)
-    assert parse_motion(["path=[[2, 0.05, 0, 0], [4, 0, 0.03, 0]]"]) == Motion(
+    assert parse_motion(words) == TargetMotion((0.1, 0, 0, 0, 0, 0), frequency=0.2, circle=0.02)
+    assert parse_motion(["path=[[2, 0.05, 0, 0], [4, 0, 0.03, 0]]"]) == TargetMotion(
         path=((2.0, 0.05, 0.0, 0.0), (4.0, 0.0, 0.03, 0.0))
     )
 

@@ -7,11 +7,10 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from aras_sim_bridge.description import parse_urdf
-from aras_sim_bridge.description.shapes import make_meshes
+from aras_sim_bridge.description.shape_meshes import make_meshes
 from aras_sim_bridge.description.types import Geometry
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
-from aras_visual_servo_bench.errors import ExperimentError, ViewError
-from aras_visual_servo_bench.targets.files import write_description, write_target
+from aras_visual_servo_bench.errors import ExperimentError, OutOfViewError
 from aras_visual_servo_bench.targets.geometry import (
     ARAS,
     PlacedTarget,
@@ -25,11 +24,12 @@ from aras_visual_servo_bench.targets.target_factory import (
     make_target,
     read_svg,
 )
+from aras_visual_servo_bench.targets.target_files import write_description, write_target
 from aras_visual_servo_bench.targets.target_spec import TargetSpec
 from aras_visual_servo_bench.targets.temporary_folders import make_scratch_folder
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.errors import TrackingModelError
 from aras_visual_servo_camera.model_tracker import read_solid
-from aras_visual_servo_camera.undistortion import CameraModel
 
 SIZE = (0.3, 0.2)
 CAMERA = CameraModel(320, 240, (301.0, 0, 163.2, 0, 285.0, 114.7, 0, 0, 1))
@@ -86,7 +86,7 @@ def test_the_demo_s_plates_are_where_the_robot_s_description_has_them():
     x, _ = ARAS.outline(pose).T
     assert x.max() == pytest.approx((0.025 - 0.5) / 0.31, abs=1e-9)
     assert x.min() == pytest.approx((-0.025 - 0.5) / 0.3095, abs=1e-9)
-    with pytest.raises(ViewError):
+    with pytest.raises(OutOfViewError):
         ARAS.outline(above(0.0, 0.0, 0.3))
     assert make_target("aras", SIZE) is ARAS
 
@@ -94,7 +94,7 @@ def test_the_demo_s_plates_are_where_the_robot_s_description_has_them():
 def test_what_is_nearer_than_a_millimetre_has_no_view():
     point = np.array([[2e-4, 1e-4, 0.0]])
     np.testing.assert_allclose(project(point, above(0.0, 0.0, 1.1e-3)), [(2 / 11, -1 / 11)])
-    with pytest.raises(ViewError):
+    with pytest.raises(OutOfViewError):
         project(point, above(0.0, 0.0, 0.9e-3))
 
 
@@ -141,7 +141,7 @@ def test_a_solid_s_outline_is_the_hull_of_its_view():
     assert len(found) == len(hull)
     away = np.linalg.norm(found[:, None] - hull[None], axis=2)
     assert away.min(axis=0).max() < 1e-9
-    with pytest.raises(ViewError, match="behind the camera"):
+    with pytest.raises(OutOfViewError, match="behind the camera"):
         target.outline(matrix_from_xyz_rpy((0.0, 0.0, 0.05), (0.0, 0.0, 0.0)))
     plane = target.outline_plane(above(0.0, 0.0, 0.9))
     # Square from above only the rim of the top, at 0.9 - 0.08 m, bounds the view.

@@ -10,13 +10,13 @@ from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment import cameras
 from aras_visual_servo_bench.targets.geometry import (
-    Motion,
     PlacedTarget,
     PolygonTarget,
     PoseHistory,
+    TargetMotion,
 )
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_camera.undistortion import CameraModel
 
 SQUARE = PolygonTarget(((-0.1, -0.1), (0.1, -0.1), (0.1, 0.1), (-0.1, 0.1)))
 DOWN = np.diag([1.0, -1.0, -1.0, 1.0])  # looks along the target's -z, x to the right
@@ -41,7 +41,7 @@ def test_the_plane_gives_every_corners_depth():
 def test_a_target_moves_about_its_own_origin():
     pose = np.eye(4)
     pose[:3, 3] = 1.0, 0.0, 0.0
-    motion = Motion((0.1, 0, 0, 0, 0, np.pi), (0.0, 0.02, 0.0), 0.25, begin=1.0)
+    motion = TargetMotion((0.1, 0, 0, 0, 0, np.pi), (0.0, 0.02, 0.0), 0.25, begin=1.0)
     target = PlacedTarget(SQUARE, pose, motion)
     np.testing.assert_array_equal(target.world_T_target(0.9), pose)
     moved = target.world_T_target(2.0)
@@ -50,7 +50,9 @@ def test_a_target_moves_about_its_own_origin():
     np.testing.assert_allclose(
         target.world_T_target(2.0) @ target.target_T_camera(above(), 2.0), above(), atol=1e-12
     )
-    moving = PlacedTarget(SQUARE, pose, Motion((0.1, 0, 0, 0, 0, 0)))  # without a time, at 0 s
+    moving = PlacedTarget(
+        SQUARE, pose, TargetMotion((0.1, 0, 0, 0, 0, 0))
+    )  # without a time, at 0 s
     np.testing.assert_allclose(pose @ moving.target_T_camera(above()), above(), atol=1e-12)
 
 
@@ -78,7 +80,7 @@ def test_a_drawn_picture_has_the_outlines_moments():
     assert seen.yg == pytest.approx(exact.yg, abs=2e-4)
 
 
-EVERYTHING = Motion(
+EVERYTHING = TargetMotion(
     velocity=(0.1, -0.2, 0.3, 0.4, -0.5, 0.6), amplitude=(0.01, 0.02, -0.03), frequency=0.3,
     circle=0.05, step=(0.2, -0.1, 0.07), hold=0.75,
     path=((1.0, 0.1, 0.2, 0.3), (3.0, -0.1, 0.4, 0.2, 0.3, -0.2, 0.5)), begin=0.5,
@@ -112,7 +114,10 @@ def test_all_motions_are_one_on_top_of_the_other(since):
     {"circle": 0.1, "frequency": 1.0}, {"step": (0.0, 0.0, 0.1)}, {"path": ((1.0, 0.1, 0.0, 0.0),)},
 ])
 def test_each_kind_of_motion_is_one(kind):
-    assert not Motion(**kind).is_static and Motion(begin=3.0, hold=1.0, frequency=2.0).is_static
+    assert (
+        not TargetMotion(**kind).is_static
+        and TargetMotion(begin=3.0, hold=1.0, frequency=2.0).is_static
+    )
 
 
 def test_a_course_knows_the_pose_of_the_last_change():
@@ -123,7 +128,7 @@ def test_a_course_knows_the_pose_of_the_last_change():
     assert course.find_pose(5.0) is None
     for time, k in ((1.0, 0), (1.5, 0), (2.0, 1), (3.0, 2)):
         course.add(time, poses[k] + 1e-10)
-    target = PlacedTarget(SQUARE, np.eye(4), Motion(velocity=(1.0, 0, 0, 0, 0, 0)), course)
+    target = PlacedTarget(SQUARE, np.eye(4), TargetMotion(velocity=(1.0, 0, 0, 0, 0, 0)), course)
     np.testing.assert_allclose(target.world_T_target(0.5)[:3, 3], [0.5, 0, 0])  # not known yet
     for time, k in ((1.0, 0), (1.99, 0), (2.0 - 1e-8, 1), (2.5, 1), (3.0, 2), (9.0, 2)):
         np.testing.assert_allclose(target.world_T_target(time), poses[k], atol=1e-9)
@@ -139,7 +144,7 @@ PATH = ((1.0, 0.1, 0.0, 0.02), (3.0, 0.1, -0.06, 0.02, 0.0, 0.4, 1.2), (3.5, 0.0
 ])  # fmt: skip
 def test_it_goes_along_a_path_of_waypoints(time, place, rpy):
     pose = matrix_from_xyz_rpy((0.3, 0.2, 0.1), (0.1, 0.2, 0.3))
-    target = PlacedTarget(SQUARE, pose, Motion(path=PATH, begin=0.5))
+    target = PlacedTarget(SQUARE, pose, TargetMotion(path=PATH, begin=0.5))
     assert not target.motion.is_static
     found = target.world_T_target(time)
     np.testing.assert_allclose(found[:3, 3] - pose[:3, 3], place, atol=1e-12)
@@ -156,4 +161,4 @@ def test_it_goes_along_a_path_of_waypoints(time, place, rpy):
 ])  # fmt: skip
 def test_a_path_that_is_none_is_refused(path, complaint):
     with pytest.raises(ExperimentError, match=complaint):
-        Motion(path=path)
+        TargetMotion(path=path)

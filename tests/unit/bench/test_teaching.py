@@ -15,7 +15,8 @@ from aras_visual_servo_base.poses import exponential, inverse, matrix_from_xyz_r
 from aras_visual_servo_bench.cli.run import find_study_file
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment.experiment import Experiment
-from aras_visual_servo_bench.learning import learned, learned_pose, policy
+from aras_visual_servo_bench.learning import learned_pose, policy
+from aras_visual_servo_bench.learning import learned_scheme as learned
 from aras_visual_servo_bench.learning.policy import PolicyNetwork
 from aras_visual_servo_bench.learning.regressor import Regressor, fit_network, run_training
 from aras_visual_servo_bench.setup.assembly import assemble

@@ -23,12 +23,12 @@ from aras_visual_servo_bench.targets.rendering import render_target as picture_o
 from aras_visual_servo_bench.targets.shapes import SHAPES
 from aras_visual_servo_bench.targets.target_factory import find_tracker, make_target, read_svg
 from aras_visual_servo_bench.targets.textures import TexturedTarget
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.trackers import TRACKERS as KNOWN
 from aras_visual_servo_camera.trackers.dots import DotTracker
 from aras_visual_servo_camera.trackers.lines import LineTracker
 from aras_visual_servo_camera.trackers.marker import MarkerTracker
-from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.features import FEATURES
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.observation.feature_extractor import FeatureExtractor

@@ -11,7 +11,7 @@ from aras_sim_bridge.camera import CameraConfig
 from aras_sim_bridge.camera.camera_file import read_camera
 from aras_sim_bridge.errors import CameraError
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
-from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_camera.camera_model import CameraModel
 
 SIZE = (640, 480)
 K = np.array([[612.5, 0.0, 331.25], [0.0, 610.0, 228.5], [0.0, 0.0, 1.0]])

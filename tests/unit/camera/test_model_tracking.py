@@ -14,6 +14,7 @@ from tracking_scenes import (
 )
 
 from aras_visual_servo_base.poses import exponential, inverse, matrix_from_xyz_rpy, rotation_vector
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.errors import TrackingModelError, VisionError
 from aras_visual_servo_camera.model_tracker import Solid, SolidTracking
 from aras_visual_servo_camera.model_tracker.edge_search import (
@@ -27,7 +28,6 @@ from aras_visual_servo_camera.model_tracker.visible_edges import (
 )
 from aras_visual_servo_camera.trackers.initial_pose import InitialPose
 from aras_visual_servo_camera.trackers.model import ModelTracker
-from aras_visual_servo_camera.undistortion import CameraModel
 
 OFF = (0.002, -0.0015, 0.004, 0.012, -0.015, 0.02)  # m and rad that a start is off
 PICTURES = (3, 410)

@@ -9,7 +9,8 @@ from scenes import Bench, bright_renderer, looking
 
 from aras_sim_bridge import rendering
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
-from aras_sim_bridge.description import Geometry, shapes
+from aras_sim_bridge.description import Geometry
+from aras_sim_bridge.description import shape_meshes as shapes
 from aras_sim_bridge.errors import RenderingError
 from aras_sim_bridge.rendering import View
 from aras_sim_bridge.world import Pose

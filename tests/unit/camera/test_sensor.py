@@ -9,7 +9,7 @@ from scipy import fft
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.camera.effects import EffectChain, Effects, SensorModel
-from aras_sim_bridge.camera.formats import find_shape, read_out, widen
+from aras_sim_bridge.camera.pixel_formats import find_shape, read_out, widen
 from aras_sim_bridge.description import Geometry, Link, RobotDescription, Visual
 from aras_sim_bridge.errors import CameraError
 from aras_sim_bridge.rendering import Lighting, create_renderer

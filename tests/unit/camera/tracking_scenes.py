@@ -12,7 +12,7 @@ from aras_sim_bridge.description import Geometry, Link, RobotDescription, Visual
 from aras_sim_bridge.rendering import Lighting, View, create_renderer
 from aras_sim_bridge.world import Model, World
 from aras_visual_servo_base.poses import Pose, exponential, inverse, matrix_from_xyz_rpy
-from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_camera.camera_model import CameraModel
 
 SIZE = (640, 480)
 # fx != fy, the principal point off the middle.

@@ -14,7 +14,7 @@ from rospy.msg import deserialize_messages
 from std_msgs.msg import Float64
 
 from aras_sim_bridge.errors import ControllerError
-from aras_sim_bridge.ros.control.command_topic import CommandTopic
+from aras_sim_bridge.ros.control.command_subscriber import CommandSubscriber
 from aras_sim_bridge.ros.runtime.lockstep import Lockstep
 from aras_sim_bridge.ros.runtime.message_receiver import MessageReceiver
 from aras_sim_bridge.ros.runtime.pacing import Pacer
@@ -117,7 +117,7 @@ def test_two_who_take_from_one_topic_both_hear_over_one_subscription(ros):
     """Two robots with one emergency stop: rospy has one connection for both."""
     heard = [], []
     first, second = (
-        CommandTopic("/stop", Float64, lambda m, to=to: to.append(m.data), Thread())
+        CommandSubscriber("/stop", Float64, lambda m, to=to: to.append(m.data), Thread())
         for to in heard
     )
     assert ros.open == ["/stop"]
@@ -129,7 +129,7 @@ def test_two_who_take_from_one_topic_both_hear_over_one_subscription(ros):
     assert heard == ([1.0], [1.0, 2.0])
     second.shutdown()
     assert ros.open == []
-    third = CommandTopic("/stop", Float64, lambda m: None, Thread())
+    third = CommandSubscriber("/stop", Float64, lambda m: None, Thread())
     assert ros.open == ["/stop"]
     third.shutdown()
 
@@ -146,7 +146,7 @@ def test_what_cannot_be_taken_is_said_once_in_a_while_and_the_next_is_taken(ros)
             sys.exit("a user's")
         taken.append(message.data)
 
-    topic = CommandTopic("/c", Float64, take, Thread())
+    topic = CommandSubscriber("/c", Float64, take, Thread())
     for value in (-1.0, 0.0, 1.0, -1.0, 5.0):
         Connection(body(value)).tell(ros.latest)
     Connection(b"abc").tell(ros.latest)
@@ -158,7 +158,7 @@ def test_what_cannot_be_taken_is_said_once_in_a_while_and_the_next_is_taken(ros)
 def test_complaints_come_five_seconds_apart_and_count_what_was_refused(ros, monkeypatch):
     now = [0.0]
     monkeypatch.setattr(time, "monotonic", lambda: now[0])
-    topic = CommandTopic("/c", Float64, lambda m: None, Thread())
+    topic = CommandSubscriber("/c", Float64, lambda m: None, Thread())
     for now[0] in (0.0, 4.9, 5.0, 9.9):
         Connection(b"abc").tell(ros.latest)
     first, second = ros.lines
@@ -169,7 +169,7 @@ def test_complaints_come_five_seconds_apart_and_count_what_was_refused(ros, monk
 
 def test_all_that_rospy_read_goes_with_the_connection_and_only_once(ros):
     taken, thread = [], Thread(delivers=False)
-    topic = CommandTopic("/c", Float64, lambda m: taken.append(m.data), thread)
+    topic = CommandSubscriber("/c", Float64, lambda m: taken.append(m.data), thread)
     last = struct.pack("<I", 8) + body(4.0)
     connection = Connection(body(1.0), body(2.0), body(3.0), rest=last[:2], comes=last[2:])
     connection.tell(ros.latest)
@@ -188,7 +188,7 @@ def test_rospy_s_thread_rests_until_its_connection_ends(ros, monkeypatch, why):
     monkeypatch.setattr(rospy, "is_shutdown", lambda: why == "the node ends")
     thread = Thread(delivers=False, ends=False)
     inbox = thread.receiver
-    topic = CommandTopic("/c", Float64, lambda m: None, thread)
+    topic = CommandSubscriber("/c", Float64, lambda m: None, thread)
     connection, subscriber = Connection(body(1.0)), ros.latest
     connection.done = why == "rospy closed it"
     connection.tell(subscriber)
@@ -205,7 +205,7 @@ def test_lockstep_hears_of_a_message_when_all_have_taken_it(ros):
     thread, taken = Thread(), []
     thread.lockstep = gate = Lockstep(["/c"], 1.0, lambda: None, flusher=QueueFlusher())
     first, second = (
-        CommandTopic("/c", Float64, lambda m: taken.append((m.data, gate.is_closed)), thread)
+        CommandSubscriber("/c", Float64, lambda m: taken.append((m.data, gate.is_closed)), thread)
         for _ in range(2)
     )
     gate.start_round()

@@ -8,8 +8,8 @@ import pytest
 import rospy
 from rospy.exceptions import TransportTerminated
 
-from aras_visual_servo_ros import connections
-from aras_visual_servo_ros.connections import DirectConnection, send_to_others_only
+from aras_visual_servo_ros import rospy_patches as connections
+from aras_visual_servo_ros.rospy_patches import DirectConnection, send_to_others_only
 
 SIZE = 400_000  # of a message: more than a socket takes at once
 

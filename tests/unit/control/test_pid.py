@@ -4,7 +4,7 @@ from math import inf, nan
 
 import pytest
 
-from aras_sim_bridge.control.pid import Gains, Pid
+from aras_sim_bridge.control.pid import Pid, PidGains
 from aras_sim_bridge.errors import ControllerError
 
 # (what it proves, gains p i d i_max i_min antiwindup, [(error, dt, command), ...])
@@ -94,7 +94,7 @@ def test_given_derivative_is_used_and_a_nan_in_it_gives_zero():
 def test_new_gains_keep_the_integral():
     pid = Pid(0, 1, 0, 10, -10)
     pid.compute(2.0, 1.0)
-    pid.set_gains(Gains(0, 2, 0, 10, -10))
+    pid.set_gains(PidGains(0, 2, 0, 10, -10))
     assert pid.compute(1.0, 1.0) == 6.0
 
 
@@ -113,11 +113,11 @@ def test_state_listener_sees_the_terms():
 @pytest.mark.parametrize(
     ("parameters", "expected"),
     [
-        ({"p": 15000}, Gains(15000.0)),
-        ({"p": 1, "i": 2, "d": 3, "i_clamp": 4}, Gains(1, 2, 3, 4, -4)),
-        ({"p": 1, "i_clamp": -4}, Gains(1, 0, 0, 4, -4)),
-        ({"p": 1, "i_clamp": 4, "i_clamp_min": 2, "i_clamp_max": -6}, Gains(1, 0, 0, 6, -2)),
-        ({"p": 1, "antiwindup": True}, Gains(1, antiwindup=True)),
+        ({"p": 15000}, PidGains(15000.0)),
+        ({"p": 1, "i": 2, "d": 3, "i_clamp": 4}, PidGains(1, 2, 3, 4, -4)),
+        ({"p": 1, "i_clamp": -4}, PidGains(1, 0, 0, 4, -4)),
+        ({"p": 1, "i_clamp": 4, "i_clamp_min": 2, "i_clamp_max": -6}, PidGains(1, 0, 0, 6, -2)),
+        ({"p": 1, "antiwindup": True}, PidGains(1, antiwindup=True)),
     ],
 )
 def test_parameters_are_read_as_control_toolbox_does(parameters, expected):
@@ -151,7 +151,7 @@ def test_a_misspelt_gain_is_told_with_the_nearest_name(caplog):
 
 def test_bad_gains_are_refused_and_the_old_ones_stay():
     pid = Pid(1)
-    for gains in (Gains(nan), Gains(1, inf), Gains(1, 1, 0, -1, 1)):
+    for gains in (PidGains(nan), PidGains(1, inf), PidGains(1, 1, 0, -1, 1)):
         with pytest.raises(ControllerError):
             pid.set_gains(gains)
-    assert pid.gains == Gains(1) and not pid.publish_state
+    assert pid.gains == PidGains(1) and not pid.publish_state

@@ -10,7 +10,7 @@ from std_msgs.msg import Float64
 
 from aras_sim_bridge.control.pid import Pid
 from aras_sim_bridge.ros.camera.compressed import BackgroundWorker
-from aras_sim_bridge.ros.control.state_topic import StateTopic
+from aras_sim_bridge.ros.control.state_publisher import StatePublisher
 from aras_sim_bridge.ros.runtime.pacing import Pacer
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation
@@ -41,7 +41,7 @@ def advertise(ros, thread):
 
     def make(thread=thread):
         pid = Pid(2.0)
-        return pid, StateTopic("/state", Float64, 1, pid, lambda message, state: setattr(
+        return pid, StatePublisher("/state", Float64, 1, pid, lambda message, state: setattr(
             message, "data", state.output), thread)
 
     return make

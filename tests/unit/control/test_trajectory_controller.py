@@ -9,9 +9,9 @@ import pytest
 
 from aras_sim_bridge.control.controllers.trajectory_types import (
     ErrorCode,
+    InvalidTrajectoryError,
     JointTolerance,
     Trajectory,
-    TrajectoryError,
     TrajectoryGoal,
     TrajectoryPoint,
 )
@@ -132,7 +132,7 @@ class TestFollowing:
         b = bench()
         b.controller.set_command(line())
         b.rig.step(1)
-        with pytest.raises(TrajectoryError, match="all 1 trajectory points are in the past"):
+        with pytest.raises(InvalidTrajectoryError, match="all 1 trajectory points are in the past"):
             b.controller.set_command(line(9.0, 0.1, stamp_ns=b.rig.time_ns - S // 5))
         assert b.after(0.5) == pytest.approx(0.5)
 
@@ -179,7 +179,7 @@ class TestFollowing:
 class TestPartial:
     def test_missing_joints_are_refused_unless_allowed(self, bench):
         b = bench(names="ab")
-        with pytest.raises(TrajectoryError, match="allow_partial") as caught:
+        with pytest.raises(InvalidTrajectoryError, match="allow_partial") as caught:
             b.controller.set_command(line())
         assert caught.value.code == ErrorCode.INVALID_JOINTS
 

@@ -12,10 +12,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from aras_sim_bridge.description import parse_sdf, world_file
-from aras_sim_bridge.description.model_folders import find_folder
 from aras_sim_bridge.description.packages import find_model
 from aras_sim_bridge.description.population import place_copies
-from aras_sim_bridge.description.shapes import make_meshes
+from aras_sim_bridge.description.sdf_includes import find_folder
+from aras_sim_bridge.description.shape_meshes import make_meshes
 from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_visual_servo_base.poses import Pose

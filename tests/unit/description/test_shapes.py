@@ -12,7 +12,9 @@ from aras_sim_bridge.description import (
     RobotDescription,
     Visual,
     parse_urdf,
-    shapes,
+)
+from aras_sim_bridge.description import (
+    shape_meshes as shapes,
 )
 from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.rendering.scene import Scene

@@ -14,8 +14,8 @@ import numpy as np
 from blocks import ROOT
 
 from aras_visual_servo_bench.experiment.cameras import draw_outline
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.features.moments import ImageMoments
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.kinematics import Arm

@@ -19,8 +19,8 @@ from aras_sim_bridge.camera import CameraConfig
 from aras_sim_bridge.control.controllers.registry import ControllerTypes
 from aras_visual_servo_bench.cli import main as bench
 from aras_visual_servo_bench.experiment.experiment import Experiment
-from aras_visual_servo_bench.studies.engine import check_study
 from aras_visual_servo_bench.studies.study import Study
+from aras_visual_servo_bench.studies.study_execution import check_study
 from aras_visual_servo_controller.settings import ControllerSettings
 
 LANGUAGES = {"python", "yaml", "bash", "text", "xml"}

@@ -96,7 +96,7 @@ def test_packages_import_their_modules_when_they_are_used() -> None:
             "print(*sorted(name for name in sys.modules if name.startswith('aras_')))\n"
             "print('numpy' in sys.modules)")  # fmt: skip
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    names = sorted((*PACKAGES, "aras_visual_servo_base", "aras_visual_servo_base.lazy"))
+    names = sorted((*PACKAGES, "aras_visual_servo_base", "aras_visual_servo_base.lazy_imports"))
     assert done.stdout.splitlines() == [" ".join(names), "False"]
 
 

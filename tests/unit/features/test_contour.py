@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from feature_cases import L_SHAPE, SQUARE, TARGET, View, grey_image, rotation
 
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.contour import (
     extract_outline,
     find_corners,
@@ -11,15 +12,14 @@ from aras_visual_servo_camera.contour import (
     match_corners,
 )
 from aras_visual_servo_camera.errors import SegmentationError
-from aras_visual_servo_camera.line_fits import (
+from aras_visual_servo_camera.intersection_accuracy import (
     FittedLine,
     compute_crossing_spread,
     compute_rms_deviation,
 )
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_camera.segmentation import SegmentationSettings
+from aras_visual_servo_camera.segmentation_settings import SegmentationSettings
 from aras_visual_servo_camera.segmented_target import segment
-from aras_visual_servo_camera.undistortion import CameraModel
 
 CAMERA = CameraModel(320, 240, (200.0, 0, 158.3, 0, 201.0, 121.6, 0, 0, 1))
 SCALES = {"square": SQUARE, "L": L_SHAPE, "target": 3.0 * TARGET}

@@ -24,15 +24,19 @@ from feature_cases import (
     rotation,
 )
 
-from aras_visual_servo_camera import features
+from aras_visual_servo_camera import moment_feature_values as features
 from aras_visual_servo_camera.errors import DegenerateFeatureError, UnavailableFeatureError
-from aras_visual_servo_camera.features import PAPER_FEATURES, Reference, compute_required_order
-from aras_visual_servo_camera.features import compute_moment_features as compute
 from aras_visual_servo_camera.formula import Formula
 from aras_visual_servo_camera.interaction import Plane, compute_raw_interaction, point_interaction
+from aras_visual_servo_camera.moment_feature_values import (
+    PAPER_FEATURES,
+    Reference,
+    compute_required_order,
+)
+from aras_visual_servo_camera.moment_feature_values import compute_moment_features as compute
 from aras_visual_servo_camera.moments import DENSE, Moments, Pinhole, exponents
-from aras_visual_servo_camera.orientation import (
-    Orientation,
+from aras_visual_servo_camera.target_orientation import (
+    TargetOrientation,
     compute_third_product,
     compute_upright_moments,
     rotate_third,
@@ -359,7 +363,7 @@ def test_a_tilted_view_is_turned_square_on(shape, make, turned: bool) -> None:
         )
         np.testing.assert_allclose(third(mu), third(exact.centred), atol=TOLERANCE)
         assert abs(remainder(axis(mu) - axis(exact.centred), pi)) < TOLERANCE
-        found = Orientation.from_moments(moments, seen.plane)
+        found = TargetOrientation.from_moments(moments, seen.plane)
         assert found.alpha == pytest.approx(axis(moments.centred), abs=1e-12)
         assert abs(remainder(found.upright_alpha - axis(exact.centred), pi)) < TOLERANCE
         np.testing.assert_allclose(found.third, third(exact.centred), atol=TOLERANCE)
@@ -377,9 +381,9 @@ def test_third_order_moments_turn_with_the_shape() -> None:
 
 def test_no_orientation_without_third_order_or_main_axis() -> None:
     view = tilted(0, TARGET)
-    assert Orientation.from_moments(Moments.from_polygon(view.image, 2), view.plane) is None
+    assert TargetOrientation.from_moments(Moments.from_polygon(view.image, 2), view.plane) is None
     square = Moments.from_points([[-0.25, -0.25], [0.25, -0.25], [0.25, 0.25], [-0.25, 0.25]])
-    assert Orientation.from_moments(square, Plane.fronto_parallel(0.5)) is None
+    assert TargetOrientation.from_moments(square, Plane.fronto_parallel(0.5)) is None
 
 
 # -- reference values from another library and from 50-digit arithmetic -------------------------

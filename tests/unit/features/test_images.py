@@ -8,7 +8,7 @@ import pytest
 
 from aras_visual_servo_camera.errors import ImageError, SegmentationError
 from aras_visual_servo_camera.images import ENCODINGS, decode
-from aras_visual_servo_camera.labels import TargetLabels, read_labels
+from aras_visual_servo_camera.label_segmentation import LabelSegmentation, read_labels
 
 messages = pytest.importorskip("sensor_msgs.msg")
 
@@ -111,7 +111,7 @@ NUMBERS = np.array([[1, 2, 16777218], [-1, 33554434, 2]], np.int32)
     ("ground", [[255, 0, 0], [0, 0, 0]]),
 ])  # fmt: skip
 def test_a_model_or_one_of_its_links_is_told(wanted, pixels):
-    labels = TargetLabels(wanted)
+    labels = LabelSegmentation(wanted)
     assert not labels.has_links
     labels.set_links(NAMES)
     assert labels.has_links
@@ -119,7 +119,7 @@ def test_a_model_or_one_of_its_links_is_told(wanted, pixels):
 
 
 def test_a_name_that_there_is_not_is_said_with_the_nearest():
-    labels = TargetLabels("cart::whel")
+    labels = LabelSegmentation("cart::whel")
     labels.set_links(NAMES)
     with pytest.raises(SegmentationError, match="did you mean 'cart::wheel'"):
         labels.make_mask(NUMBERS)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from feature_cases import RECTANGLE, grey_image
 
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.detection_pipeline import (
     DetectionPipeline,
     DetectionSettings,
@@ -16,7 +17,6 @@ from aras_visual_servo_camera.detection_pipeline import (
 )
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.overlay import draw
-from aras_visual_servo_camera.undistortion import CameraModel
 
 # Focal lengths and principal point differ, so that no two of them can stand for one another.
 CAMERA = CameraModel(320, 240, (200.0, 0, 150.0, 0, 190.0, 110.0, 0, 0, 1), (0.0,) * 5)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from aras_visual_servo_base.settings import list_defaults
-from aras_visual_servo_camera.errors import ParameterError
+from aras_visual_servo_camera.errors import VisionParameterError
 from aras_visual_servo_camera.parameters import VisionParameters
 
 
@@ -48,5 +48,5 @@ def test_values_arrive() -> None:
     ],
 )
 def test_wrong_parameters_are_refused(given, text: str) -> None:
-    with pytest.raises(ParameterError, match=text):
+    with pytest.raises(VisionParameterError, match=text):
         VisionParameters.from_mapping(given)

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from feature_cases import TARGET, View, grey_image, rotation
 
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.detection_pipeline import (
     DetectionPipeline,
     DetectionSettings,
     TargetDetection,
 )
 from aras_visual_servo_camera.errors import DegenerateFeatureError, InvalidIntrinsicsError
-from aras_visual_servo_camera.features import compute_moment_features as compute
 from aras_visual_servo_camera.images import Image
+from aras_visual_servo_camera.moment_feature_values import compute_moment_features as compute
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_camera.segmentation import SegmentationSettings
-from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_camera.segmentation_settings import SegmentationSettings
 
 CAMERA = CameraModel(320, 240, (188.04, 0, 159.5, 0, 188.04, 119.5, 0, 0, 1), (0.0,) * 5)
 

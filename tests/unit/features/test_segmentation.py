@@ -8,7 +8,7 @@ import pytest
 
 from aras_visual_servo_camera.errors import SegmentationError
 from aras_visual_servo_camera.pixel_coverage import compute_coverage
-from aras_visual_servo_camera.segmentation import SegmentationSettings
+from aras_visual_servo_camera.segmentation_settings import SegmentationSettings
 from aras_visual_servo_camera.segmented_target import segment, threshold_image
 
 

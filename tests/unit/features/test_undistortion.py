@@ -10,11 +10,11 @@ import pytest
 from feature_cases import L_SHAPE, View, rotation
 
 from aras_visual_servo_base.lenses import brown
+from aras_visual_servo_camera.camera_model import CameraModel, PixelTables, subdivide
 from aras_visual_servo_camera.detection_pipeline import DetectionPipeline, DetectionSettings
 from aras_visual_servo_camera.errors import InvalidIntrinsicsError
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.moments import Moments, exponents
-from aras_visual_servo_camera.undistortion import CameraModel, PixelTables, subdivide
 
 messages = pytest.importorskip("sensor_msgs.msg")
 

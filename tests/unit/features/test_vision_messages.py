@@ -9,6 +9,7 @@ pytest.importorskip("aras_visual_servo_camera.msg")
 
 from std_msgs.msg import Header  # noqa: E402
 
+from aras_visual_servo_camera.camera_model import CameraModel  # noqa: E402
 from aras_visual_servo_camera.detection_pipeline import (  # noqa: E402
     DetectionPipeline,
     DetectionSettings,
@@ -23,8 +24,7 @@ from aras_visual_servo_camera.messages import (  # noqa: E402
     read_moments_message,
     read_outline_message,
 )
-from aras_visual_servo_camera.undistortion import CameraModel  # noqa: E402
-from aras_visual_servo_controller.ros.goal_topics import make_outline_message  # noqa: E402
+from aras_visual_servo_controller.ros.goal_publishers import make_outline_message  # noqa: E402
 
 CAMERA = CameraModel(80, 60, (70.0, 0, 39.5, 0, 71.0, 29.5, 0, 0, 1), (0.1, 0, 0, 0, 0))
 HEADER = Header(seq=3, frame_id="camera")

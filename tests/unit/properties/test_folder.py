@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from aras_visual_servo_bench.errors import StudyError
-from aras_visual_servo_bench.studies import engine
+from aras_visual_servo_bench.studies import study_execution as engine
 from aras_visual_servo_bench.studies.pools import InProcessPool
-from aras_visual_servo_bench.studies.progress import Progress
 from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_bench.studies.study_folder import StudyFolder
+from aras_visual_servo_bench.studies.study_progress import StudyProgress
 
 STUDY = Study.from_mapping({
     "experiment": {"plant": "free", "duration": 0.1, "lag": 0.0},
@@ -23,7 +23,7 @@ STUDY = Study.from_mapping({
 
 
 def carry_out(folder):
-    engine.carry_out(folder, InProcessPool(), Progress(STUDY.run_count, out=io.StringIO()))
+    engine.carry_out(folder, InProcessPool(), StudyProgress(STUDY.run_count, out=io.StringIO()))
 
 
 def rows(path):

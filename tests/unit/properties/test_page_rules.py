@@ -5,14 +5,14 @@ import json
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from aras_visual_servo_bench.errors import RefusedError
+from aras_visual_servo_bench.errors import RefusedRequestError
 from aras_visual_servo_bench.web.access import Access
-from aras_visual_servo_bench.web.live.requests import (
+from aras_visual_servo_bench.web.live.page_requests import (
     CHOICE_FIELDS,
     REQUESTS,
     read_request,
 )
-from aras_visual_servo_bench.web.messages import read_message
+from aras_visual_servo_bench.web.page_messages import read_message
 
 NAMES = st.sampled_from([
     "127.0.0.1", "localhost", "LOCALHOST", "[::1]", "192.168.1.7", "evil.example", "127.0.0.1.evil",
@@ -67,7 +67,7 @@ def test_what_is_carried_out_was_asked_for_within_its_bounds(do, fields):
     try:
         asked, given_fields = read_message(json.dumps({"do": do, **fields}), REQUESTS)
         request = read_request(asked, given_fields, CHOICES)
-    except RefusedError as error:
+    except RefusedRequestError as error:
         assert "\n" not in str(error) and len(str(error)) < 400
         return
     assert request.do == do in REQUESTS
@@ -83,7 +83,7 @@ def test_what_is_carried_out_was_asked_for_within_its_bounds(do, fields):
 def test_what_is_no_request_is_refused(text):
     try:
         do, _ = read_message(text, REQUESTS)
-    except RefusedError as error:
+    except RefusedRequestError as error:
         assert "\n" not in str(error)
     else:
         assert do in REQUESTS

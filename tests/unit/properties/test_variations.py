@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.studies.variations import (
     SOBOL_BLOCK,
-    Axis,
+    VariationAxis,
     draw_values,
     parse_variation,
 )
@@ -83,7 +83,7 @@ def test_a_choice_is_one_of_its_values_and_each_has_its_share(values, u):
 def test_spacings_are_even(kind, first, last, count):
     axis = parse_variation("gain", {kind: [first, last, count]})
     values = np.array(axis.values)
-    assert isinstance(axis, Axis) and len(values) == count
+    assert isinstance(axis, VariationAxis) and len(values) == count
     assert (values[0], values[-1]) == pytest.approx((first, last))
     steps = np.diff(values if kind == "linear" else np.log(values))
     np.testing.assert_allclose(steps, steps[0], rtol=1e-6, atol=1e-9)
@@ -106,6 +106,6 @@ def test_whatever_is_written_there_is_a_variation_or_one_line_that_names_it(junk
     except StudyError as error:
         assert "vary.some.key" in str(error) and "\n" not in str(error)
         return
-    if not isinstance(found, Axis):
+    if not isinstance(found, VariationAxis):
         value = found.value(0.25)
         assert not isinstance(value, float) or math.isfinite(value) or "choice" in junk

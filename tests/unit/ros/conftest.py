@@ -34,7 +34,8 @@ from rospy.impl import masterslave, registration, tcpros_base
 from aras_sim_bridge.ros.runtime.pacing import Pacer
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation
-from aras_visual_servo_ros import connections, parameters
+from aras_visual_servo_ros import parameters
+from aras_visual_servo_ros import rospy_patches as connections
 from aras_visual_servo_ros.send_queue import QUEUE_FLUSHER
 
 sys.path.insert(0, str(Path(__file__).parent))

@@ -45,10 +45,11 @@ SOURCES = Path(__file__).parents[3] / "src"
 
 STARTED = {  # program: module whose main it runs
     **{f"aras_visual_servo_bench/nodes/{name}": f"aras_visual_servo_bench.ros.{name}" for name in (
-        "dashboard", "decompress", "demo", "describe", "markers", "move_target", "target_link")},
+        "dashboard", "decompress", "demo", "describe", "move_target", "target_link")},
+    "aras_visual_servo_bench/nodes/markers": "aras_visual_servo_bench.ros.rviz_markers",
     **{f"aras_visual_servo_bench/nodes/{name}": "aras_visual_servo_bench.cli"
        for name in ("analyze", "bench", "protocol")},
-    "aras_visual_servo_bench/nodes/target_files": "aras_visual_servo_bench.targets.files",
+    "aras_visual_servo_bench/nodes/target_files": "aras_visual_servo_bench.targets.target_files",
     "aras_visual_servo_camera/nodes/aras_visual_servo_camera_node": "aras_visual_servo_camera.node",
     "aras_visual_servo_controller/nodes/aras_visual_servo_controller_node":
         "aras_visual_servo_controller.ros.node",

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import pytest
 from rospy.impl import masterslave, registration, tcpros_base
 
-from aras_visual_servo_ros import connections
+from aras_visual_servo_ros import rospy_patches as connections
 
 CONNECT = masterslave.ROSHandler._connect_topic  # as rospy has it
 UPDATE = registration.RegManager.publisher_update

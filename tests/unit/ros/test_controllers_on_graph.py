@@ -28,18 +28,18 @@ from aras_sim_bridge.control.controllers.base import Controller, JointStates
 from aras_sim_bridge.control.controllers.trajectory_types import JointTolerance as Tolerance
 from aras_sim_bridge.control.controllers.trajectory_types import (
     StatePoint,
+    TrajectoryControllerState,
     TrajectoryGoal,
-    TrajectoryState,
 )
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.ros.control.manager_services import ManagerServices
 from aras_sim_bridge.ros.control.topics import STATES, ControllerTopics
 from aras_sim_bridge.ros.control.trajectory import (
-    TrajectoryAction,
+    TrajectoryActionServer,
     fill_state,
     from_trajectory,
 )
-from aras_sim_bridge.ros.runtime.reconfigure import PID_FIELDS
+from aras_sim_bridge.ros.runtime.reconfigure_parameters import PID_FIELDS
 from aras_sim_bridge.ros.runtime.restart_record import RestartRecord
 
 
@@ -414,7 +414,9 @@ def test_a_trajectory_is_read_as_it_is():
 
 def test_a_trajectory_s_state_is_written_as_it_is():
     points = [StatePoint([k], [k + 1.0], [k + 2.0], k + 0.5) for k in (1.0, 5.0, 9.0)]
-    message = fill_state(JointTrajectoryControllerState(), TrajectoryState(7, ("a",), *points))
+    message = fill_state(
+        JointTrajectoryControllerState(), TrajectoryControllerState(7, ("a",), *points)
+    )
     assert (message.header.stamp.to_nsec(), message.joint_names) == (7, ["a"])
     for found, wanted in zip((message.desired, message.actual, message.error), points, strict=True):
         assert found.positions == wanted.positions and found.velocities == wanted.velocities
@@ -498,7 +500,7 @@ def test_a_goal_is_read_in_every_field(rig):
         trajectory=TRAJECTORY, path_tolerance=[JointTolerance("a", 1.0, 2.0, 3.0)],
         goal_tolerance=[JointTolerance("b", 4.0, 5.0, 6.0), JointTolerance("c", 7.0, 8.0, 9.0)],
         goal_time_tolerance=Duration(1, 500_000_000))
-    action = TrajectoryAction(rig.run("follow")[0], "/other", rig.thread)
+    action = TrajectoryActionServer(rig.run("follow")[0], "/other", rig.thread)
     assert action.make_goal(message) == TrajectoryGoal(
         from_trajectory(TRAJECTORY), [Tolerance("a", 1.0, 2.0, 3.0)],
         [Tolerance("b", 4.0, 5.0, 6.0), Tolerance("c", 7.0, 8.0, 9.0)], 1.5)

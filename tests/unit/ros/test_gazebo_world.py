@@ -12,9 +12,9 @@ from std_msgs.msg import ColorRGBA
 
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.ros.control.manager_services import ManagerServices
-from aras_sim_bridge.ros.gazebo_api.descriptions import find_namespace
+from aras_sim_bridge.ros.gazebo_api.spawn_requests import find_namespace
 from aras_sim_bridge.ros.runtime.pacing import Pacer
-from aras_sim_bridge.ros.runtime.reconfigure import PHYSICS_FIELDS
+from aras_sim_bridge.ros.runtime.reconfigure_parameters import PHYSICS_FIELDS
 from aras_sim_bridge.ros.runtime.restart_record import RestartRecord
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
@@ -267,14 +267,14 @@ def test_all_of_physics_is_told_as_it_is_and_as_it_was_set(api, call):
 
 
 def test_the_update_rate_is_the_pace_by_the_step(graph):
-    from aras_sim_bridge.ros.gazebo_api.physics import Physics
+    from aras_sim_bridge.ros.gazebo_api.physics_properties import PhysicsProperties
 
     thread = SimulationThread(
         lambda: Simulation(SimulationConfig(time_step=0.002)), Pacer(0.5), paused=True
     )
     thread.start()
     try:
-        physics = Physics("/gazebo", thread)
+        physics = PhysicsProperties("/gazebo", thread)
         told = physics.get_physics_properties(thread.simulation, None)
         assert told["max_update_rate"] == pytest.approx(250.0)
     finally:

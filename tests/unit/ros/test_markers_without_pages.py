@@ -14,8 +14,8 @@ for name, folders in given["packages"].items():
     importlib.import_module(name).__path__[:] = folders
 sys.modules["aras_visual_servo_bench.web"] = None  # cannot be imported, nor what is below it
 import numpy as np
-from aras_visual_servo_bench.visualization.shapes import make_axes
-from aras_visual_servo_bench.ros.markers import make_markers
+from aras_visual_servo_bench.visualization.drawing_shapes import make_axes
+from aras_visual_servo_bench.ros.rviz_markers import make_markers
 shapes = make_axes("camera", np.eye(4), 0.1)
 print(sorted(marker.ns for marker in make_markers(shapes, "base", set()).markers))
 """

@@ -22,7 +22,7 @@ from run_messages import ARM
 from std_srvs.srv import Empty, Trigger
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
-from aras_visual_servo_bench.errors import RefusedError
+from aras_visual_servo_bench.errors import RefusedRequestError
 from aras_visual_servo_bench.ros import page_commands as page
 from aras_visual_servo_bench.ros.graph_listener import GraphListener, make_listener_settings
 from aras_visual_servo_bench.visualization.run_trace import RunTrace
@@ -139,30 +139,34 @@ def test_the_loop_and_the_simulation_are_asked_by_their_services(asked):
     words = {"pause_physics": "simulation paused", "unpause_physics": "simulation resumed",
              "reset_simulation": "simulation reset to time 0"}
     for name, said in words.items():
-        with pytest.raises(RefusedError, match=rf"^/gazebo/{name} does not answer \(is the simul"):
+        with pytest.raises(
+            RefusedRequestError, match=rf"^/gazebo/{name} does not answer \(is the simul"
+        ):
             actions.control_clock(name)
         asked.serve(f"/gazebo/{name}", Empty)
         assert actions.control_clock(name) == said
     asked.serve("/gazebo/step_world", StepWorld, success=True, sim_time=rospy.Time(3, 5 * 10**8))
     assert actions.step(17) == "17 steps, to 3.500 s" and asked.calls[-1][1] == 17
     asked.serve("/gazebo/step_world", StepWorld, success=False, status_message="time goes on")
-    with pytest.raises(RefusedError, match="^time goes on$"):
+    with pytest.raises(RefusedRequestError, match="^time goes on$"):
         actions.step(1)
     def gone(*_):
         raise OSError("gone")
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(rospy, "wait_for_service", gone)
-        with pytest.raises(RefusedError, match="hold does not answer"):
+        with pytest.raises(RefusedRequestError, match="hold does not answer"):
             actions.control_loop("hold")
     for ask in (lambda: actions.control_loop("stop"), lambda: actions.set_gain("gain", 1.0)):
-        with pytest.raises(RefusedError, match=r"answer \(is the controller node running\?\)$"):
+        with pytest.raises(
+            RefusedRequestError, match=r"answer \(is the controller node running\?\)$"
+        ):
             ask()
     after = Config(doubles=[DoubleParameter("gain", 2.53217), DoubleParameter("slope", 9.0)])
     asked.serve(f"{NODE}/gains/set_parameters", Reconfigure, config=after)
     assert actions.set_gain("gain", 2.7) == "gain is 2.532"
     assert asked.calls[-1][1].doubles == [DoubleParameter("gain", 2.7)]
-    with pytest.raises(RefusedError, match="the running control law has no gain zero"):
+    with pytest.raises(RefusedRequestError, match="the running control law has no gain zero"):
         actions.set_gain("zero", 1.0)
 
 
@@ -201,7 +205,7 @@ def test_nodes_that_do_not_come_up_are_ended_and_why_is_said(asked, monkeypatch,
         return "/another"
 
     monkeypatch.setattr(rosservice, "get_service_node", wait_for_text)
-    with pytest.raises(RefusedError, match=f"^the controller did not start: {why}$"):
+    with pytest.raises(RefusedRequestError, match=f"^the controller did not start: {why}$"):
         asked.actions.restart_nodes("points", "pi", "2015", "auto")
     assert abs(asked.life.slept.count(0.1) - sleeps) < 3
     if script is RUNS:
@@ -221,7 +225,7 @@ def test_whether_a_controller_is_there(asked, monkeypatch):
         monkeypatch.setattr(rosservice, "get_service_node", gone)
         assert asked.actions.has_controller() is True
         asked.running.clear()
-        with pytest.raises(RefusedError, match="the nodes do not answer"):
+        with pytest.raises(RefusedRequestError, match="the nodes do not answer"):
             asked.actions.restart_nodes("points", "pi", "2015", "auto")
 
 
@@ -266,18 +270,18 @@ def test_a_goal_is_moved_in_the_camera_s_frame_each_time_from_where_it_was(
                          f"0.000 mm and {angle:.3f} degrees")  # fmt: skip
     reached = arm.pose(made.get_joints(arm.names))
     np.testing.assert_allclose(made.world_T_camera, reached, rtol=0.0, atol=1e-9)
-    with pytest.raises(RefusedError, match="^this goal is not possible: "):
+    with pytest.raises(RefusedRequestError, match="^this goal is not possible: "):
         asked.actions.move_goal(9.0, 0.0, 0.0, 0.0)
-    with pytest.raises(RefusedError, match="the nearest posture found is 19.8 mm"):
+    with pytest.raises(RefusedRequestError, match="the nearest posture found is 19.8 mm"):
         asked.actions.move_goal(0.0, 0.0, 0.02, 0.0)
 
 
 def test_a_goal_needs_a_robot_and_a_place_to_keep_it(asked, shipped_arm):
-    with pytest.raises(RefusedError, match="^there is no robot yet$"):
+    with pytest.raises(RefusedRequestError, match="^there is no robot yet$"):
         asked.actions.move_goal(0.0, 0.0, 0.0, 0.0)
     use_arm(asked, shipped_arm)
     asked.actions.directory.write_text("a file")
-    with pytest.raises(RefusedError, match="cannot write"):
+    with pytest.raises(RefusedRequestError, match="cannot write"):
         asked.actions.move_goal(0.0, 0.0, 0.0, 0.0)
 
 
@@ -306,18 +310,22 @@ def test_a_robot_gets_another_camera_and_its_controllers_again(asked):
     assert made["camera_matrix"]["fx"] == 110.0 and "noise" not in made
     assert asked.actions.selection["camera"] == "wide"
     serve_robot(asked, switched=False)
-    with pytest.raises(RefusedError, match="its controllers did not start: reset"):
+    with pytest.raises(RefusedRequestError, match="its controllers did not start: reset"):
         asked.actions.change_camera("fisheye")
     serve_robot(asked, spawned=False)
     del asked.graph.parameters[CAMERA]
-    with pytest.raises(RefusedError, match="^the robot could not be respawned: no room$"):
+    with pytest.raises(RefusedRequestError, match="^the robot could not be respawned: no room$"):
         asked.actions.change_camera("fisheye")
     assert asked.actions.selection["camera"] == "wide"
     asked.graph.services.pop("/gazebo/delete_model")
-    with pytest.raises(RefusedError, match="^/gazebo/delete_model does not answer: timeout exc"):
+    with pytest.raises(
+        RefusedRequestError, match="^/gazebo/delete_model does not answer: timeout exc"
+    ):
         asked.actions.change_camera("fisheye")
     asked.graph.services.pop(f"{MANAGER}/list_controllers")
-    with pytest.raises(RefusedError, match=r"answer \(are the robot's controllers loaded\?\)$"):
+    with pytest.raises(
+        RefusedRequestError, match=r"answer \(are the robot's controllers loaded\?\)$"
+    ):
         asked.actions.change_camera("fisheye")
 
 
@@ -334,10 +342,10 @@ def test_a_target_is_put_where_the_one_before_lay(asked):
         ("/gazebo/spawn_urdf_model", "target", text, "", lay, "")]
     assert asked.actions.selection == {"target": "poster"}
     asked.serve("/gazebo/spawn_urdf_model", SpawnModel, success=False, status_message="no room")
-    with pytest.raises(RefusedError, match="^no room$"):
+    with pytest.raises(RefusedRequestError, match="^no room$"):
         asked.actions.change_target("circle")
     asked.serve("/gazebo/get_model_state", GetModelState, success=False)
-    with pytest.raises(RefusedError, match="no model named target .* with target:=circle"):
+    with pytest.raises(RefusedRequestError, match="no model named target .* with target:=circle"):
         asked.actions.change_target("circle")
     assert asked.actions.selection == {"target": "poster"}
     assert asked.graph.parameters["/target_description"] == text

@@ -20,14 +20,27 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
-from aras_visual_servo_bench.errors import RefusedError
-from aras_visual_servo_bench.ros import dashboard, markers, target_watch, teleoperator
+from aras_visual_servo_bench.errors import RefusedRequestError
+from aras_visual_servo_bench.ros import dashboard, teleoperator
+from aras_visual_servo_bench.ros import rviz_markers as markers
+from aras_visual_servo_bench.ros import target_drawing_updater as target_watch
 from aras_visual_servo_bench.ros.graph_listener import GraphListener, make_listener_settings
-from aras_visual_servo_bench.ros.image_subscriber import OVERLAY_NOTE, PLAIN_NOTE, ImageSubscriber
+from aras_visual_servo_bench.ros.overlay_subscriber import (
+    OVERLAY_NOTE,
+    PLAIN_NOTE,
+    OverlaySubscriber,
+)
 from aras_visual_servo_bench.ros.target_pose_reader import TargetPoseReader, has_moved
+from aras_visual_servo_bench.visualization.drawing_shapes import (
+    ARROW,
+    FACES,
+    LINES,
+    STRIP,
+    TEXT,
+    DrawingShape,
+)
 from aras_visual_servo_bench.visualization.run_trace import RunTrace
-from aras_visual_servo_bench.visualization.shapes import ARROW, FACES, LINES, STRIP, TEXT, Shape
-from aras_visual_servo_bench.web.live.requests import Request
+from aras_visual_servo_bench.web.live.page_requests import PageRequest
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError
 from aras_visual_servo_controller.kinematics import Arm
 
@@ -52,7 +65,7 @@ def listener(graph, life):
 
 def test_pictures_are_heard_while_somebody_looks(graph):
     overlay, plain = "/two/camera/overlay", "/eye/camera/image_raw"
-    pictures = ImageSubscriber("/two", "/eye/camera")
+    pictures = OverlaySubscriber("/two", "/eye/camera")
     pictures.choose_topic()
     assert not graph.subscribers and pictures.note == PLAIN_NOTE
     pictures.set_viewer_count(2)
@@ -140,7 +153,10 @@ def test_a_model_has_moved_when_one_of_its_numbers_has():
 
 
 def test_the_target_is_drawn_where_it_lies_twice_a_second(graph, life, world):
-    story, watch = RunTrace(Arm.from_urdf(ARM, "camera_optical_frame")), target_watch.TargetWatch()
+    story, watch = (
+        RunTrace(Arm.from_urdf(ARM, "camera_optical_frame")),
+        target_watch.TargetDrawingUpdater(),
+    )
     graph.parameters["/target_description"] = SQUARE
     watch.update(story, "two")
     edges, *faces = story.target
@@ -194,7 +210,7 @@ def test_each_kind_of_shape_is_a_marker():
     colour = (0.1, 0.3, 0.5, 0.7)
 
     def made(kind, width=0.02, points=points, text=""):
-        return markers.make_marker(Shape("it", kind, points, colour, width, text), "base")
+        return markers.make_marker(DrawingShape("it", kind, points, colour, width, text), "base")
 
     for kind, number, scale in (
         (LINES, Marker.LINE_LIST, (0.02, 0, 0)), (STRIP, Marker.LINE_STRIP, (0.02, 0, 0)),
@@ -335,10 +351,12 @@ def test_another_robot_is_driven_by_topics_of_its_own(graph, life, listener, dri
     driven.move_joint("wrist", 0.5)
     assert first.impl is None and driven.run(0.1) != []
     listener.positions = None
-    with pytest.raises(RefusedError, match="^no joint states are received: is the robot running"):
+    with pytest.raises(
+        RefusedRequestError, match="^no joint states are received: is the robot running"
+    ):
         driven.move_joint("wrist", 0.5)
     listener.run_trace = None
-    with pytest.raises(RefusedError, match="^no joint states are received"):
+    with pytest.raises(RefusedRequestError, match="^no joint states are received"):
         driven.move_camera([0.1] * 6)
 
 
@@ -349,7 +367,7 @@ def test_joints_without_a_controller_are_not_driven(graph, life, monkeypatch):
     it = GraphListener(make_listener_settings({"namespace": "/two"}))
     it.update()
     it.positions = position(1.0)
-    with pytest.raises(RefusedError, match="slide"):
+    with pytest.raises(RefusedRequestError, match="slide"):
         teleoperator.Teleoperator(it, it.settings).move_joint("slide", 1.0)
 
 
@@ -366,23 +384,27 @@ def host(listener, life, monkeypatch, tmp_path):
 
 @pytest.mark.parametrize("name", ["start", "stop", "hold"])
 def test_a_request_reaches_the_loop_or_says_why_not(host, name):
-    with pytest.raises(RefusedError, match="controller"):
-        host.execute(Request(name, {}))
+    with pytest.raises(RefusedRequestError, match="controller"):
+        host.execute(PageRequest(name, {}))
     rospy.Service(f"/two/controller/{name}", Trigger, lambda _: (
         Trigger._response_class(True, f"{name}: servoing")))
-    assert "servoing" in host.execute(Request(name, {}))
+    assert "servoing" in host.execute(PageRequest(name, {}))
 
 
 def test_teaching_is_refused_where_nothing_would_be_seen(host, listener):
-    teach = Request("teach", {"name": "mine"})
+    teach = PageRequest("teach", {"name": "mine"})
     listener.run_trace.factor = None
-    with pytest.raises(RefusedError, match="^the simulation is paused, so there are no images"):
+    with pytest.raises(
+        RefusedRequestError, match="^the simulation is paused, so there are no images"
+    ):
         host.execute(teach)
     listener.run_trace.factor, listener.no_target_reason = 1.0, "dark"
-    with pytest.raises(RefusedError, match=r"target is not detected \(dark\): bring it into"):
+    with pytest.raises(
+        RefusedRequestError, match=r"target is not detected \(dark\): bring it into"
+    ):
         host.execute(teach)
     listener.run_trace = None
-    with pytest.raises(RefusedError, match="^the simulation is paused"):
+    with pytest.raises(RefusedRequestError, match="^the simulation is paused"):
         host.execute(teach)
 
 

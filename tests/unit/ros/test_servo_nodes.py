@@ -21,26 +21,30 @@ from aras_visual_servo_camera import node as camera_module
 from aras_visual_servo_camera.errors import ImageError
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.parameters import VisionParameters
-from aras_visual_servo_camera.segmentation import SegmentationSettings
+from aras_visual_servo_camera.segmentation_settings import SegmentationSettings
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
 from aras_visual_servo_controller.observation.observation import Need
 from aras_visual_servo_controller.parameters import CameraEntry
-from aras_visual_servo_controller.records.state import Source
+from aras_visual_servo_controller.records.state import ImageSource
 from aras_visual_servo_controller.ros import (
     controller_node,
     description,
-    goal_topics,
-    inputs,
     loop_services,
     node,
     node_settings,
 )
+from aras_visual_servo_controller.ros import (
+    goal_publishers as goal_topics,
+)
+from aras_visual_servo_controller.ros import (
+    loop_subscribers as inputs,
+)
+from aras_visual_servo_controller.ros.camera_subscribers import CameraSubscribers
 from aras_visual_servo_controller.ros.command_publishers import stop_controller
 from aras_visual_servo_controller.ros.depth_image import read_depth
-from aras_visual_servo_controller.ros.image_input import ImageInput
-from aras_visual_servo_controller.ros.measurement_input import MeasurementInput
+from aras_visual_servo_controller.ros.detection_subscribers import DetectionSubscribers
 from aras_visual_servo_controller.settings import ControllerSettings
 
 SOURCES = Path(__file__).parents[3] / "src"
@@ -69,8 +73,10 @@ def test_moments_reach_the_loop(graph, hear_with):
     eye = observer(Need.MOMENTS)
     driver = hear_with(eye)
     driver.joints = JointSample.from_values(3.25, JOINTS, position(3.25))
-    MeasurementInput(ENTRY, driver, eye)
-    assert driver.sources == {"left": Source("features", "/two/camera/moments", "the camera node")}
+    DetectionSubscribers(ENTRY, driver, eye)
+    assert driver.sources == {
+        "left": ImageSource("features", "/two/camera/moments", "the camera node")
+    }
     assert set(graph.subscribers) == {"/two/camera/moments"}
     assert graph.heard["/two/camera/moments"] == (
         ImageMoments, {"queue_size": 1, "tcp_nodelay": True})
@@ -102,8 +108,10 @@ def test_moments_reach_the_loop(graph, hear_with):
 def test_moments_wait_for_their_kernel_features(graph, hear_with):
     eye = observer(Need.KERNEL, Need.MOMENTS)
     driver = hear_with(eye)
-    MeasurementInput(ENTRY, driver, eye)
-    assert driver.sources["left"] == Source("features", "/two/camera/kernel", "the camera node")
+    DetectionSubscribers(ENTRY, driver, eye)
+    assert driver.sources["left"] == ImageSource(
+        "features", "/two/camera/kernel", "the camera node"
+    )
     hear, kernel = (graph.subscribers[f"/two/camera/{name}"] for name in ("moments", "kernel"))
     assert graph.heard["/two/camera/kernel"][0] is KernelFeatures
     numbers = KernelFeatures(data=np.arange(20.0))
@@ -134,10 +142,12 @@ def test_pictures_reach_the_loop_with_their_depth(graph, hear_with):
     eye = observer(Need.IMAGE, Need.DEPTH)
     driver = hear_with(eye)
     driver.joints = JointSample.from_values(3.25, JOINTS, position(3.25))
-    heard = ImageInput(ENTRY, driver, eye)
+    heard = CameraSubscribers(ENTRY, driver, eye)
     topics = [f"/eye/camera/{name}" for name in ("camera_info", "image_raw", "depth/image_raw")]
     assert list(graph.subscribers) == topics and len(heard.subscribers) == 3
-    assert driver.sources["left"] == Source("image", topics[1], "the simulator or camera's driver")
+    assert driver.sources["left"] == ImageSource(
+        "image", topics[1], "the simulator or camera's driver"
+    )
     plain = {"queue_size": 1, "tcp_nodelay": True}
     assert [graph.heard[t] for t in topics] == [
         (CameraInfo, plain), *[(Image, {**plain, "buff_size": 2**24})] * 2]
@@ -175,7 +185,7 @@ def test_pictures_without_depth_and_with_labels(graph, hear_with):
     for needs, count in (({Need.IMAGE}, 2), ({Need.CONTOUR}, 4)):
         eye = observer(*needs, segmentation=segmentation)
         driver = hear_with(eye)
-        assert len(ImageInput(ENTRY, driver, eye).subscribers) == count
+        assert len(CameraSubscribers(ENTRY, driver, eye).subscribers) == count
         graph.subscribers["/eye/camera/camera_info"](INFO)
         graph.subscribers["/eye/camera/image_raw"](picture())
         assert len(driver.images) == (count == 2)
@@ -212,7 +222,7 @@ def test_joints_images_and_the_emergency_stop_are_heard(graph, hear_with, lockst
     cameras = {"a": {"features": "/fa"}, "b": {"namespace": "/nb"}}
     settings = ControllerSettings.from_mapping(
         {"namespace": "/two/", "cameras": cameras, "lockstep": lockstep})
-    heard = inputs.Inputs(settings, driver, "/stop")
+    heard = inputs.LoopSubscribers(settings, driver, "/stop")
     assert set(graph.subscribers) == {"/two/joint_states", "/fa/moments", "/nb/camera_info",
                                       "/nb/image_raw", "/stop"}
     assert graph.heard["/two/joint_states"] == (
@@ -226,7 +236,7 @@ def test_joints_images_and_the_emergency_stop_are_heard(graph, hear_with, lockst
     assert driver.stops == [True, False]
     heard.close()
     assert not graph.subscribers
-    inputs.Inputs(settings, driver)
+    inputs.LoopSubscribers(settings, driver)
     assert "/stop" not in graph.subscribers
 
 
@@ -296,7 +306,7 @@ def test_the_node_s_parameters_are_checked_before_anything_begins(graph, life):
 
 
 def test_a_goal_is_announced(graph):
-    topics = goal_topics.GoalTopics("/two")
+    topics = goal_topics.GoalPublishers("/two")
     assert {t: (told[1:]) for t, told in graph.told().items()} == {
         "/two/controller/goal": (1, True), "/two/controller/desired_outline": (1, True)}
     arm = Robot(RobotSpec()).make_arm()

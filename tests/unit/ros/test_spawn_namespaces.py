@@ -6,7 +6,7 @@ import pytest
 
 from aras_sim_bridge.description import CameraPlugin
 from aras_sim_bridge.description.plugins import PLUGINS
-from aras_sim_bridge.ros.gazebo_api.descriptions import set_namespace
+from aras_sim_bridge.ros.gazebo_api.spawn_requests import set_namespace
 
 WITHOUT_TOPICS = {"gazebo_grasp_fix", "gazebo_ros_link_attacher"}  # of the model's own
 

@@ -20,7 +20,7 @@ from aras_visual_servo_controller.settings import ControllerSettings
 
 
 def test_every_part_of_a_state_comes_back_from_its_two_messages(graph, face):
-    from aras_visual_servo_controller.ros.read_back import read_state
+    from aras_visual_servo_controller.ros.recorded_messages import read_state
 
     state = made_state(3.217654321)
     message, report = told(graph, face, state)
@@ -71,7 +71,7 @@ def test_every_field_of_the_messages_is_filled(graph, face):
 
 
 def test_what_a_state_has_not_is_not_made_up(graph, face):
-    from aras_visual_servo_controller.ros.read_back import read_state
+    from aras_visual_servo_controller.ros.recorded_messages import read_state
 
     bare = ServoState(2.5, "holding", reason="no image", arrival_status=ArrivalStatus())
     message, report = told(graph, face, bare)
@@ -213,7 +213,10 @@ def hear(graph, topic, message):
 def test_a_listener_knows_what_the_graph_said_last(graph, listener, face):
     from aras_visual_servo_camera.msg import ImageMoments
 
-    from aras_visual_servo_controller.ros.goal_topics import make_outline_message, make_pose_message
+    from aras_visual_servo_controller.ros.goal_publishers import (
+        make_outline_message,
+        make_pose_message,
+    )
 
     assert (listener.robot_name, listener.robot_count, listener.restart_count) == ("two", 1, 1)
     assert listener.stamp == 0.0 and listener.run_trace.arm.names == JOINTS

@@ -8,8 +8,8 @@ import numpy as np
 from free_camera import exponential, pose
 from scipy.spatial.transform import Rotation
 
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_camera.undistortion import CameraModel
 
 CAMERA = CameraModel(640, 480, (800.0, 0, 317.3, 0, 760.0, 244.1, 0, 0, 1))
 CORNERS = np.array([[-0.11, -0.05, 0], [0.09, -0.08, 0], [0.13, 0.06, 0], [-0.07, 0.04, 0]])

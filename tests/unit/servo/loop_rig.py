@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from aras_visual_servo_base.poses import exponential, pose_difference
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.kinematics import Arm, CommandLimits, DifferentialIK, PostureTask
 from aras_visual_servo_controller.kinematics.elbow import find_elbows

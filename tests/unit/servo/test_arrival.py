@@ -6,9 +6,9 @@ from loop_rig import TolerantScheme, a_solution, an_output, scaled
 from scipy.spatial.transform import Rotation
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.diagnosis.arrival_check import (
     ArrivalCheck,
     compute_mean_offset,

@@ -9,7 +9,7 @@ from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.features.moments import ImageMoments
 from aras_visual_servo_controller.laws import Proportional
 from aras_visual_servo_controller.schemes import FeatureScheme, create_scheme
-from aras_visual_servo_controller.schemes.broyden import Broyden
+from aras_visual_servo_controller.schemes.broyden_estimator import BroydenEstimator
 
 DT = 1.0 / 30.0
 
@@ -26,7 +26,7 @@ def learnt(count=400, gain=1.0, error_drift=0.0, seed=0):
     """Truth and estimate after `count` random motions; the estimate began somewhere else."""
     random = np.random.default_rng(seed)
     truth, wrong = random.normal(size=(2, 4, 6))
-    estimator, error = Broyden(gain), np.zeros(4)
+    estimator, error = BroydenEstimator(gain), np.zeros(4)
     for k in range(count):
         twist = 0.02 * random.normal(size=6)
         if k:
@@ -50,7 +50,7 @@ def test_a_target_that_moves_is_taken_out():
 
 def test_one_motion_changes_no_more_than_it_showed():
     truth, wrong = np.arange(24.0).reshape(4, 6) - 10.0, np.zeros((4, 6))
-    estimator = Broyden(gain=1.0, floor=1e-9)
+    estimator = BroydenEstimator(gain=1.0, floor=1e-9)
     estimator(image(0.0, np.zeros(6)), seen(np.zeros(4), wrong))
     twist = np.array([0.01, 0.0, 0.0, 0.0, 0.0, 0.01])
     found = estimator(image(DT, twist), seen(truth @ twist, wrong))
@@ -58,13 +58,13 @@ def test_one_motion_changes_no_more_than_it_showed():
     assert np.abs(found[:, 1:5]).max() < 1e-9
     # a radian weighs as 0.3 m, squared
     np.testing.assert_allclose(found[:, 5], 0.09 * found[:, 0], rtol=1e-9)
-    every = Broyden(gain=1.0, floor=1e-9, start=wrong)
+    every = BroydenEstimator(gain=1.0, floor=1e-9, start=wrong)
     every(image(0.0, np.zeros(6)), seen(np.zeros(4), wrong))
     all_ways = 0.01 * np.ones(6)
     found = every(image(DT, all_ways), seen(truth @ all_ways, wrong))
     weights = [1.0, 1.0, 1.0, 0.09, 0.09, 0.09]
     np.testing.assert_allclose(found, np.outer(found[:, 0], weights), rtol=1e-9)
-    half = Broyden(floor=1e-9, start=wrong)
+    half = BroydenEstimator(floor=1e-9, start=wrong)
     half(image(0.0, np.zeros(6)), seen(np.zeros(4), truth))
     found = half(image(DT, twist), seen(truth @ twist, truth))
     np.testing.assert_allclose(found @ twist, 0.5 * (truth @ twist), rtol=1e-6)
@@ -81,7 +81,7 @@ def test_small_motions_wraps_and_gaps_teach_nothing():
         (along, [0.5], image(2 * DT, along, dt=DT)),
         (along, [0.5, 0.5], image(DT, along)),  # of another length
     ):
-        estimator = Broyden(1.0)
+        estimator = BroydenEstimator(1.0)
         estimator(image(0.0, twist), seen([0.0], L))
         found = estimator(second, seen(error, np.ones((len(error), 6))))
         np.testing.assert_allclose(found, 1.0, atol=1e-2)
@@ -90,7 +90,7 @@ def test_small_motions_wraps_and_gaps_teach_nothing():
 @pytest.mark.parametrize(("jump", "learnt"), [(1.0, True), (-1.0, True), (1.01, False)])
 def test_what_changes_by_more_than_any_camera_makes_is_not_learnt(jump, learnt):
     """Of the feature whose change is the greatest, up or down."""
-    estimator = Broyden(1.0, floor=1e-9)
+    estimator = BroydenEstimator(1.0, floor=1e-9)
     along = 0.1 * np.eye(6)[1]
     estimator(image(0.0, along), seen([0.5, 0.2], np.zeros((2, 6))))
     found = estimator(image(DT, along), seen([0.5 + jump, 0.25], np.zeros((2, 6))))

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from loop_rig import an_image, an_output
 
-from aras_visual_servo_controller.diagnosis.camera_check import DIRECTIONS, CameraCheck
+from aras_visual_servo_controller.diagnosis.camera_model_check import DIRECTIONS, CameraModelCheck
 from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 
 
@@ -16,7 +16,7 @@ def test_only_an_image_that_follows_another_counts():
     wrong = [-0.2 * k * np.ones(2) for k in range(8)]  # against the motion: found at once
 
     def said(change):
-        evidence = CameraCheck()
+        evidence = CameraModelCheck()
         for k, error in enumerate(wrong):
             decision = {"L": L, "error": error, "error_drift": 0.0}
             seen = {"motion": twist}
@@ -30,14 +30,14 @@ def test_only_an_image_that_follows_another_counts():
     assert not said(lambda decision, seen: decision.update(L=None))
     assert not said(lambda decision, seen: decision.update(L=np.ones((3, 6))))
     assert not said(lambda decision, seen: decision.update(L=np.ones((3, 6)), error=np.ones(3)))
-    evidence = CameraCheck()
+    evidence = CameraModelCheck()
     for error in wrong:
         evidence.add(an_output(error, L), an_image(0.0, 1 / 30), tolerances)
     assert not evidence.find_fault()
 
 
 def shown(evidence, error, L, motion, tolerances, error_drift=0.0, joints=None):
-    """Add one image to a CameraCheck, after a motion (6,) of the camera."""
+    """Add one image to a CameraModelCheck, after a motion (6,) of the camera."""
     evidence.add(an_output(error, L, error_drift=error_drift),
                  an_image(0.0, 1 / 30, motion, joints=joints), tolerances)
 
@@ -48,7 +48,7 @@ def seen_by(
     """Evidence of features that move `scale` (6,) times as far as L says, by direction, and by
     `drift` tolerances an image besides; the scheme says that they do so by `error_drift`, 1/s."""
     random = np.random.default_rng(seed)
-    evidence, tolerances = CameraCheck(), np.full(count, tolerance)
+    evidence, tolerances = CameraModelCheck(), np.full(count, tolerance)
     L = random.normal(size=(count, 6))
     error, twist = random.normal(size=count), np.zeros(6)
     for _ in range(images):
@@ -63,7 +63,7 @@ ONE = np.ones(6)
 
 
 def test_no_evidence_is_no_fault():
-    assert CameraCheck().find_fault() == ""
+    assert CameraModelCheck().find_fault() == ""
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.5])
@@ -93,7 +93,7 @@ def test_the_direction_that_is_off_is_named(direction, factor):
 def test_two_translations_are_compared_however_little_one_of_them_is(factor):
     """The camera came down by a centimetre and went far aside: one depth for all lay by the
     sideways way, and a focal length of 0.9 times the true one passed."""
-    evidence, way = CameraCheck(), 1e-3 * np.array([8.0, 5.0, 1.0, 0.0, 0.0, 0.0])
+    evidence, way = CameraModelCheck(), 1e-3 * np.array([8.0, 5.0, 1.0, 0.0, 0.0, 0.0])
     for k in range(30):
         shown(evidence, k * way[:3] * [1.0, 1.0, factor], np.eye(6)[:3], way, np.full(3, 1e-3))
     assert evidence.find_fault().startswith(f"along vz the features move {factor:.2f} times")
@@ -102,7 +102,7 @@ def test_two_translations_are_compared_however_little_one_of_them_is(factor):
 
 def slowly(step, images, factor=0.8):
     """Evidence of a camera that goes by `step` tolerances an image, along x and z in turn."""
-    evidence, position, way = CameraCheck(), np.zeros(3), np.zeros(6)
+    evidence, position, way = CameraModelCheck(), np.zeros(3), np.zeros(6)
     for k in range(images):
         position = position + way[:3]
         shown(evidence, position * [1.0, 1.0, factor], np.eye(6)[:3], way, np.full(3, 1e-3))
@@ -144,7 +144,12 @@ def test_noise_hides_what_it_hides_and_is_no_fault():
 ])  # fmt: skip
 def test_steps_in_which_L_changes_much_accuse_no_camera(step, scale, accused):
     """s = 0.3 sin x: over a step of 1 rad the mean L says 0.92 of the way."""
-    random, evidence, x, motion = np.random.default_rng(2), CameraCheck(), np.zeros(6), np.zeros(6)
+    random, evidence, x, motion = (
+        np.random.default_rng(2),
+        CameraModelCheck(),
+        np.zeros(6),
+        np.zeros(6),
+    )
     for _ in range(40):
         L = 0.3 * np.diag(np.cos(x))
         shown(evidence, 0.3 * np.sin(x), L, motion / scale, np.full(6, 1e-3))
@@ -158,7 +163,7 @@ def test_little_motion_and_broken_sequences_are_no_evidence():
     assert seen_by(wrong, 30).find_fault()
     assert not seen_by(wrong, 30, tolerance=0.5).find_fault()  # slower than 3 tolerances an image
     assert not seen_by(wrong, 1).find_fault()
-    evidence = CameraCheck()
+    evidence = CameraModelCheck()
     for k in range(40):
         evidence.interrupt()
         shown(evidence, np.full(2, 0.01 * k), np.ones((2, 6)), 0.01 * ONE, np.full(2, 1e-3))
@@ -169,7 +174,7 @@ def believed_by_shaken_joints(shake, scale, jacobian, images=40, seed=0):
     """Evidence by joints, here the camera's own directions, that go on at their last speeds from
     the last sample to the exposure: speeds that shake put them beside where they truly are."""
     random, names = np.random.default_rng(seed), tuple("xyzabc")
-    evidence, tolerances, gap = CameraCheck(jacobian), np.full(4, 1e-3), 0.008
+    evidence, tolerances, gap = CameraModelCheck(jacobian), np.full(4, 1e-3), 0.008
     L, true, before = random.normal(size=(4, 6)), np.zeros(6), None
     steady = np.zeros(6)
     for k in range(images):

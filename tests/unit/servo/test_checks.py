@@ -5,19 +5,19 @@ import pytest
 from loop_rig import an_image, an_output, scaled
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.diagnosis.ambiguous_poses import AmbiguousPoses
 from aras_visual_servo_controller.diagnosis.diagnoses.wrong_object import ShapeCheck
 from aras_visual_servo_controller.diagnosis.gain_check import GainCheck
-from aras_visual_servo_controller.diagnosis.joint_check import JointCheck
+from aras_visual_servo_controller.diagnosis.joint_tracking_check import JointTrackingCheck
 from aras_visual_servo_controller.diagnosis.oscillation_check import OscillationCheck
 from aras_visual_servo_controller.diagnosis.step_check import StepCheck, predict_distance
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws import Proportional
 from aras_visual_servo_controller.observation.observation import Observation
-from aras_visual_servo_controller.observation.recent_errors import RecentErrors
+from aras_visual_servo_controller.observation.vector_history import VectorHistory
 from aras_visual_servo_controller.schemes import create_scheme
 
 # -- does it ring? -------------------------------------------------------------------------------
@@ -296,8 +296,8 @@ def test_a_target_that_a_growing_swing_has_lost_before_its_frequency_is_known(gr
 
 
 def by_joints(images, commanded, measured, late=lambda k: (False, False), begin=7.0):
-    """A JointCheck of J1 and J2 that was shown velocities (2,) by image, 30 a second."""
-    check = JointCheck(("J1", "J2"))
+    """A JointTrackingCheck of J1 and J2 that was shown velocities (2,) by image, 30 a second."""
+    check = JointTrackingCheck(("J1", "J2"))
     for k in range(images):
         check.add(begin + k / 30.0, np.array(late(k)), np.array(commanded(k), float),
                   np.array(measured(k), float))  # fmt: skip
@@ -559,7 +559,7 @@ def test_without_points_of_a_plane_in_view_there_are_none(goal):
 
 @pytest.mark.parametrize("kept", [1, 40, 63, 64, 65, 200])
 def test_the_window_holds_the_newest_in_order(kept):
-    recent = RecentErrors()
+    recent = VectorHistory()
     for i in range(700):
         recent.add(0.1 * i, np.array([i, -2.0 * i, 0.5]))
         recent.drop_oldest(max(len(recent) - kept, 0))
@@ -573,7 +573,7 @@ def test_the_window_holds_the_newest_in_order(kept):
 
 
 def test_errors_of_another_length_begin_anew():
-    recent = RecentErrors()
+    recent = VectorHistory()
     recent.add(0.0, np.zeros(4))
     recent.add(0.1, np.ones(2))
     assert recent.stamps.tolist() == [0.1] and recent.errors.tolist() == [[1.0, 1.0]]
@@ -582,7 +582,7 @@ def test_errors_of_another_length_begin_anew():
 
 
 def test_rows_are_found_and_dropped_by_their_stamps():
-    recent = RecentErrors()
+    recent = VectorHistory()
     for i in range(10):
         recent.add(0.1 * i, np.array([float(i)]))
     stamps, rows = recent.since(0.55)

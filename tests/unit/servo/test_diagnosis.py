@@ -24,12 +24,12 @@ from test_target_check import STEADY, watched
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.diagnosis.base import DIAGNOSES, ORDER, DiagnosisRule
-from aras_visual_servo_controller.diagnosis.camera_check import CameraCheck
+from aras_visual_servo_controller.diagnosis.camera_model_check import CameraModelCheck
 from aras_visual_servo_controller.diagnosis.diagnoses.contradictions import is_goal_camera
 from aras_visual_servo_controller.diagnosis.diagnoses.target_moves import split_by_camera
 from aras_visual_servo_controller.diagnosis.diagnosis import Diagnosis, diagnose
 from aras_visual_servo_controller.diagnosis.evidence import Evidence
-from aras_visual_servo_controller.diagnosis.target_check import TargetCheck
+from aras_visual_servo_controller.diagnosis.target_motion_check import TargetMotionCheck
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.features import Feature, FeatureMeasurement, Stack
 from aras_visual_servo_controller.goals.goal import Goal
@@ -43,7 +43,7 @@ from aras_visual_servo_controller.records.outcomes import (
     PoseUncertainty,
     make_outcome,
 )
-from aras_visual_servo_controller.records.remedy import Change
+from aras_visual_servo_controller.records.remedy import SettingChange
 from aras_visual_servo_controller.records.run_record import ImageRecord, RunContext, RunEvent
 from aras_visual_servo_controller.records.state import CONVERGED, ServoSettings, ServoState
 from aras_visual_servo_controller.schemes import FeatureScheme
@@ -294,7 +294,7 @@ def test_features_without_rank():
     assert rig.servo.outcome.kind == "singular"
     assert "rank 1 of 2" in rig.servo.outcome.reason
     assert rig.states[-1].remedy == rig.servo.outcome.remedy
-    assert rig.servo.outcome.remedy.changes == (Change("scheme", "set", "moments"),)
+    assert rig.servo.outcome.remedy.changes == (SettingChange("scheme", "set", "moments"),)
 
 
 def test_the_image_that_comes_when_the_time_is_over_is_the_last():
@@ -372,8 +372,8 @@ def test_a_joint_that_stands_still_is_named():
 
 
 def checked(is_faulty):
-    """Return a CameraCheck after 30 images, whose translations may go the wrong way."""
-    check, way = CameraCheck(), 1e-2 * np.array([1.0, 1.0, 0.5, 0.0, 0.0, 0.0])
+    """Return a CameraModelCheck after 30 images, whose translations may go the wrong way."""
+    check, way = CameraModelCheck(), 1e-2 * np.array([1.0, 1.0, 0.5, 0.0, 0.0, 0.0])
     for k in range(30 * is_faulty):
         check.add(an_output(-k * way[:3], np.eye(6)[:3]), an_image(k / 30.0, 1 / 30, way),
                   np.full(3, 1e-3))  # fmt: skip
@@ -643,7 +643,7 @@ def test_a_camera_that_moves_otherwise_than_L_says_may_be_farther_from_its_goal(
         record = answered(1.0, np.zeros(1), phase, left, seen)
         if moves:
             still = evidence.target_check
-            evidence.target_check = TargetCheck()
+            evidence.target_check = TargetMotionCheck()
             assert watched(60, STEADY, check=evidence.target_check)[-1]
             assert diagnosis.add(record).kind == "target_moves"
             evidence.target_check = still
@@ -666,5 +666,5 @@ def test_limits_that_parameters_narrow_are_to_be_widened():
         narrowed_limits={"upper": ("J2", "J3"), "lower": ("J1",)},
     )  # fmt: skip
     found = Evidence(run).add_advice(make_outcome("saturation", "slow"))
-    assert Change("upper", "remove") in found.remedy.changes
+    assert SettingChange("upper", "remove") in found.remedy.changes
     assert "with joints beyond the limits of J2" in found.reason

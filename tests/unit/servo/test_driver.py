@@ -12,13 +12,13 @@ import pytest
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy, pose_difference
 from aras_visual_servo_base.stamp_synchronizer import StampSynchronizer
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 from aras_visual_servo_controller.observation.joint_history import MAX_AGE, JointHistory
 from aras_visual_servo_controller.records.outcomes import REMEDIES
-from aras_visual_servo_controller.records.state import Source
+from aras_visual_servo_controller.records.state import ImageSource
 from aras_visual_servo_controller.runner.loop_runner import LoopRunner
 from aras_visual_servo_controller.settings import ControllerSettings
 
@@ -900,7 +900,7 @@ def test_in_lockstep_each_image_is_answered_though_the_arm_stands():
 
 def test_the_missing_camera_is_the_one_that_is_waited_for():
     bench = servoing()
-    bench.driver.set_source("right", Source("images", "/right", "somebody"))
+    bench.driver.set_source("right", ImageSource("images", "/right", "somebody"))
     for lacking, what in (("right", "images"), ("", "features"), ("left", "features")):
         bench.driver.camera_rig.missing_camera = lacking
         bench.step(3)

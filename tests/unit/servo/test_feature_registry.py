@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from feature_scenes import CORNERS, GOAL, PERIODS, TARGETS, VALUES, VIEWS, look, moved
 
-from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
 from aras_visual_servo_controller.features import FEATURES, Feature, base, moment_features, points
 from aras_visual_servo_controller.goals.goal import Goal

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from free_camera import exponential, pose
 
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.kernel import DELTA_X, DELTA_Y, compute_outline_kernel_features
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError, SchemeError
 from aras_visual_servo_controller.features import FEATURES, Feature, FeatureMeasurement, Stack
 from aras_visual_servo_controller.features.base import wrap

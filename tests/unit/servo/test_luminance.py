@@ -11,8 +11,8 @@ from loop_rig import an_image
 from scipy.fft import dctn
 from scipy.spatial.transform import Rotation
 
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
 from aras_visual_servo_controller.features import FEATURES
 from aras_visual_servo_controller.features.luminance import BORDER, get_grey_image, square_root

@@ -7,8 +7,8 @@ import pytest
 from loop_rig import the_goal
 
 from aras_visual_servo_base.poses import logarithm, relative_pose
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.kinematics import Arm

@@ -12,7 +12,10 @@ from loop_rig import the_arm, the_goal
 from scipy.spatial.transform import Rotation
 
 from aras_visual_servo_base.poses import exponential, inverse, logarithm, matrix_from_xyz_rpy
-from aras_visual_servo_bench.plants.free_body import COORDINATE_NAMES, FreeBody
+from aras_visual_servo_bench.plants.free_camera_kinematics import (
+    COORDINATE_NAMES,
+    FreeCameraKinematics,
+)
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
 from aras_visual_servo_controller.features import Feature, FeatureMeasurement, Stack
@@ -34,7 +37,7 @@ SEAT = matrix_from_xyz_rpy((0.05, -0.01, 0.02), (0.1, -0.2, 0.3))
 SHAPE = np.array([[-0.05, -0.03, 0], [0.05, -0.02, 0], [0.03, 0.04, 0], [-0.04, 0.03, 0.0]])
 NAMES = COORDINATE_NAMES
 ORIGIN = matrix_from_xyz_rpy((0.02, -0.03, 0.4), (np.pi, 0.1, 0.2))
-LEFT, RIGHT = FreeBody(ORIGIN, np.eye(4)), FreeBody(ORIGIN, SEAT)
+LEFT, RIGHT = FreeCameraKinematics(ORIGIN, np.eye(4)), FreeCameraKinematics(ORIGIN, SEAT)
 Q0 = np.zeros(6)
 
 
@@ -242,7 +245,7 @@ def test_L_of_another_camera_is_that_of_the_control_camera_s_twist(name, rtol):
     def measured(pose_change):
         moved = CameraRig([
             FeatureObserver(
-                FreeBody(arm.origin @ exponential(q) @ pose_change, arm.mounting),
+                FreeCameraKinematics(arm.origin @ exponential(q) @ pose_change, arm.mounting),
                 made.control.needs, compute_plane=goal.cameras[n].compute_plane, name=n,
             )
             for n, arm in (("left", LEFT), ("right", RIGHT))
@@ -385,8 +388,9 @@ def test_L_of_stereo_by_differences(name):
     def measured(change):
         seats = (("left", LEFT), ("right", RIGHT))
         moved = CameraRig([
-            FeatureObserver(FreeBody(arm.origin @ exponential(q) @ change, arm.mounting),
-                            frozenset((Need.CORNERS,)), name=n)
+            FeatureObserver(
+                FreeCameraKinematics(arm.origin @ exponential(q) @ change, arm.mounting),
+                frozenset((Need.CORNERS,)), name=n)
             for n, arm in seats
         ])  # fmt: skip
         return scheme.feature.measure(together(moved, np.zeros(6)), goal)

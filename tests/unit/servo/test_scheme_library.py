@@ -7,7 +7,7 @@ import pytest
 from feature_scenes import CAMERA, CORNERS, GOAL, look, moved
 from free_camera import pose
 
-from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.features.corners import NumberedPoints
 from aras_visual_servo_controller.goals.goal import Goal

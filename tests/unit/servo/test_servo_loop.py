@@ -38,10 +38,10 @@ from aras_visual_servo_controller.records.state import (
     SERVOING,
     STOPPED,
     WAITING,
+    ImageSource,
     JointCommand,
     ServoSettings,
     ServoState,
-    Source,
 )
 from aras_visual_servo_controller.schemes import FeatureScheme, JointController
 
@@ -737,7 +737,7 @@ def test_a_state_that_was_read_back_tells_what_its_resolution_does():
 
 
 def test_where_images_come_from_in_words():
-    plain, whole = Source(), Source("features", "/eye", "the camera node")
+    plain, whole = ImageSource(), ImageSource("features", "/eye", "the camera node")
     assert plain.describe_silence() == "no image"
     assert plain.describe_silence(142.066) == "no image since 142.07 s"
     assert whole.describe_silence() == "no features on /eye (is the camera node running?)"

@@ -6,7 +6,7 @@ from loop_rig import an_image, an_output
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_controller.diagnosis.target_check import TargetCheck
+from aras_visual_servo_controller.diagnosis.target_motion_check import TargetMotionCheck
 from aras_visual_servo_controller.goals.goal import Goal
 
 DT, ROW = 1 / 30, 4 / 30  # s: four images are more than the 0.12 s of a row
@@ -30,7 +30,7 @@ def watched(images, moves, camera=swaying, count=6, known=0.0, check=None, L=Non
             wraps=(), sits=None, noise=0.0, turns=0.0, dt=DT, jumps=0.0,
             **seen):  # fmt: skip
     """Return what is reported after each image of a target that moves with a twist (6,)."""
-    check = check or TargetCheck()
+    check = check or TargetMotionCheck()
     sits = np.eye(3) if sits is None else sits
     draw = np.random.default_rng(4)
     L = draw.normal(size=(count, 6)) if L is None else L
@@ -108,11 +108,11 @@ def test_one_direction_alone_has_no_place_of_a_target():
 
 
 def test_other_features_and_images_without_any_begin_anew():
-    check = TargetCheck()
+    check = TargetMotionCheck()
     assert not any(watched(37, STEADY, check=check))  # nine rows
     said = watched(41, STEADY, count=8, check=check, begin=2.0)  # and ten of others
     assert not any(said[:-1]) and said[-1]
-    check = TargetCheck()
+    check = TargetMotionCheck()
     for part in range(20):  # no row is whole between interruptions
         assert not any(watched(4, STEADY, check=check, begin=0.2 * part))
         check.interrupt()
@@ -124,7 +124,7 @@ def test_what_has_no_centre_or_no_depth_is_not_judged_by_it():
     error = an_output(np.zeros(4))
     for now, goal in ((seen, Goal(moments=seen)), (none, Goal(moments=seen, depth=0.5)),
                       (None, Goal(moments=seen, depth=0.5)), (seen, Goal(depth=0.5))):  # fmt: skip
-        check = TargetCheck()
+        check = TargetMotionCheck()
         for k in range(3):
             image = an_image(k * DT, DT, swaying(k * DT), world_T_camera=POSE, moments=now)
             assert not check.add(error, image, goal, np.ones(4), False)
@@ -137,7 +137,7 @@ def test_where_the_camera_s_motion_is_not_known_nothing_is(unknown):
 
 def test_what_is_long_ago_is_forgotten():
     """It stood still, and has moved for the last six seconds."""
-    check = TargetCheck()
+    check = TargetMotionCheck()
     assert not any(watched(120, STILL, check=check))
     check.interrupt()
     assert watched(190, STEADY, check=check, begin=4.0)[-1]

@@ -8,7 +8,7 @@ from aras_visual_servo_controller.records.state import JointCommand
 from aras_visual_servo_controller.runner.compiled_updates import (
     NEEDS_PYTHON,
     NEW_COMMAND,
-    CompiledUpdates,
+    LoopStateConverter,
     process_joint_state,
 )
 
@@ -18,7 +18,7 @@ class Joined(Bench):
 
     def __init__(self, **given):
         super().__init__(**given)
-        self.ticks, self.answered = CompiledUpdates(self.driver), 0
+        self.ticks, self.answered = LoopStateConverter(self.driver), 0
 
     def tell(self, names, positions, velocities, stamp):
         state = self.ticks.make_loop()

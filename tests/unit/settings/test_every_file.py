@@ -24,7 +24,7 @@ from aras_visual_servo_bench.experiment.overrides import parse_overrides
 from aras_visual_servo_bench.experiment.packages import PackagePath
 from aras_visual_servo_bench.ros.move_target import parse_motion
 from aras_visual_servo_bench.studies.study import Study
-from aras_visual_servo_camera.errors import ParameterError
+from aras_visual_servo_camera.errors import VisionParameterError
 from aras_visual_servo_camera.parameters import VisionParameters
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal
@@ -115,7 +115,7 @@ KINDS = {
     "controller": Kind(lambda values: ControllerSettings.from_mapping(values).gain,
                        ConfigurationError, "gain", "autostart", file=False),
     "camera node": Kind(lambda values: VisionParameters.from_mapping(values).threshold,
-                        ParameterError, "threshold", "dark_target", file=False),
+                        VisionParameterError, "threshold", "dark_target", file=False),
     "bridge": Kind(lambda values: BridgeParameters.from_mapping(values, "/gazebo").real_time_factor,
                    InvalidParameterError, "real_time_factor", "gui", file=False),
     # As ros_control: who reads another's key is not known, and a gain may have either sign.

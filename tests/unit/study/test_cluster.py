@@ -15,11 +15,13 @@ import distributed
 import pytest
 
 from aras_visual_servo_bench.errors import StudyError
-from aras_visual_servo_bench.studies import engine, versions, work
+from aras_visual_servo_bench.studies import chunk_execution as work
+from aras_visual_servo_bench.studies import study_execution as engine
+from aras_visual_servo_bench.studies import versions
+from aras_visual_servo_bench.studies.chunk_execution import ONE_THREAD
 from aras_visual_servo_bench.studies.pools import DaskPool
-from aras_visual_servo_bench.studies.progress import Progress
 from aras_visual_servo_bench.studies.study_folder import StudyFolder
-from aras_visual_servo_bench.studies.work import ONE_THREAD
+from aras_visual_servo_bench.studies.study_progress import StudyProgress
 
 
 def parts(path):
@@ -82,12 +84,12 @@ def history(hanging, tmp_path_factory):
         found.looks = [looks, _looks(pool.cluster.scheduler)]
         os.kill(found.begun, signal.SIGSTOP)
         threading.Timer(4.0, os.kill, (found.begun, signal.SIGCONT)).start()
-        pool.submit(work.StudyTask(json.dumps(hanging.to_mapping()), 0))
+        pool.submit(work.StudyChunk(json.dumps(hanging.to_mapping()), 0))
         task, done = pool.wait_for_chunk()
         made.write_chunk(task.chunk, done)
         assert pool.has_room  # and it need not be made anew for that
         found.stood_still = worker()
-        engine.carry_out(made, pool, Progress(hanging.run_count, out=io.StringIO()))
+        engine.carry_out(made, pool, StudyProgress(hanging.run_count, out=io.StringIO()))
         found.ended = worker()
     return found
 
@@ -103,7 +105,7 @@ def test_a_run_that_hangs_and_a_worker_made_anew_leave_the_bytes_of_one_process(
     here = history.here
     for chunk in (0, 2):
         here.write_chunk(
-            chunk, work.carry_out(work.StudyTask(json.dumps(hanging.to_mapping()), chunk))
+            chunk, work.carry_out(work.StudyChunk(json.dumps(hanging.to_mapping()), chunk))
         )
     there = parts(made.path)
     assert parts(here.path) == {name: there[name] for name in parts(here.path)} and len(there) == 3
@@ -214,13 +216,13 @@ def test_a_named_clusters_workers_are_used_when_they_come(tiny, tmp_path):
         assert pool.cluster.scheduler.WORKER_SATURATION == 1.0  # what waits is nobody's yet
         sent = 0
         while pool.has_room:
-            pool.submit(work.StudyTask(json.dumps(study.to_mapping()), sent))
+            pool.submit(work.StudyChunk(json.dumps(study.to_mapping()), sent))
             sent += 1
         assert sent == 4  # two for each that there may be
         for _ in range(sent):
             task, rows = pool.wait_for_chunk()
             made.write_chunk(task.chunk, rows)
-        engine.carry_out(made, pool, Progress(study.run_count, out=io.StringIO()))
+        engine.carry_out(made, pool, StudyProgress(study.run_count, out=io.StringIO()))
     assert made.find_missing_chunks() == []
 
 
@@ -238,7 +240,7 @@ def test_a_scheduler_of_somebody_else_is_used_and_left_as_it_was(tiny, tmp_path,
     study = tiny(chunk=1)
     made = StudyFolder.create(tmp_path, study, "")
     with DaskPool(scheduler=other.scheduler_address, chunks_before_restart=2) as pool:
-        engine.carry_out(made, pool, Progress(study.run_count, out=io.StringIO()))
+        engine.carry_out(made, pool, StudyProgress(study.run_count, out=io.StringIO()))
         with pytest.raises(ValueError, match="No client"):  # that others would use unasked
             distributed.default_client()
     assert made.find_missing_chunks() == [] and len(other.scheduler.workers) == 1

@@ -18,7 +18,9 @@ from aras_visual_servo_bench.cli import main
 from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.runner.loop import Loop
 from aras_visual_servo_bench.setup.assembly import assemble
-from aras_visual_servo_bench.studies import data_card, engine, image_table, replay, rows
+from aras_visual_servo_bench.studies import data_card, image_table, replay
+from aras_visual_servo_bench.studies import run_rows as rows
+from aras_visual_servo_bench.studies import study_execution as engine
 from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_bench.studies.study_folder import TRACES, StudyFolder
 from aras_visual_servo_camera.images import Image
@@ -205,7 +207,7 @@ def test_the_card_says_of_each_camera_what_it_is_and_where(tmp_path, place, fram
     study = study_of(several, repeats=5)
     folder = StudyFolder.create(tmp_path, study, "")
     ends = ("joint_limit", "timed_out", "timed_out", "converged", "timed_out")
-    folder.write_chunk(0, rows.Rows([{**rows.make_blank_row(study, run), "outcome": end}
+    folder.write_chunk(0, rows.RunRows([{**rows.make_blank_row(study, run), "outcome": end}
                                for run, end in enumerate(ends)]))
     told = data_card.make_card(folder)
     assert "Outcomes: timed_out 3, converged 1, joint_limit 1." in told

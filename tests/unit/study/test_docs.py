@@ -7,8 +7,8 @@ import pytest
 
 from aras_visual_servo_bench.cli.run import find_study_file
 from aras_visual_servo_bench.metrics import metrics
-from aras_visual_servo_bench.studies.engine import check_study
 from aras_visual_servo_bench.studies.study import Study
+from aras_visual_servo_bench.studies.study_execution import check_study
 
 ROOT = Path(__file__).resolve().parents[3]
 DOCS = (ROOT / "docs" / "studies.md").read_text(encoding="utf-8")

@@ -26,11 +26,14 @@ from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.metrics.metrics import metric
 from aras_visual_servo_bench.progress_bar import ProgressBar
 from aras_visual_servo_bench.runner.loop import run
-from aras_visual_servo_bench.studies import engine, replay, rows, study_folder, versions, work
+from aras_visual_servo_bench.studies import chunk_execution as work
+from aras_visual_servo_bench.studies import replay, study_folder, versions
+from aras_visual_servo_bench.studies import run_rows as rows
+from aras_visual_servo_bench.studies import study_execution as engine
 from aras_visual_servo_bench.studies.pools import InProcessPool, Pool
-from aras_visual_servo_bench.studies.progress import Progress, format_duration
 from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_bench.studies.study_folder import StudyFolder
+from aras_visual_servo_bench.studies.study_progress import StudyProgress, format_duration
 
 
 @metric("", "smaller", "these tests")
@@ -68,7 +71,7 @@ def failing(finished):
 
 
 def quiet(study):
-    return Progress(study.run_count, out=io.StringIO())
+    return StudyProgress(study.run_count, out=io.StringIO())
 
 
 def carried(study, path, pool=None, **options):
@@ -192,7 +195,7 @@ def test_a_part_of_other_runs_is_run_again_and_not_taken_for_its_own(tiny, tmp_p
     begun = StudyFolder.create(tmp_path / "begun", tiny(), "")
     for chunk in (0, 1):
         begun.write_chunk(
-            chunk, work.carry_out(work.StudyTask(json.dumps(tiny().to_mapping()), chunk))
+            chunk, work.carry_out(work.StudyChunk(json.dumps(tiny().to_mapping()), chunk))
         )
     for made, foreign, own in ((whole, 1, 2), (begun, 0, 1)):
         made.find_part(own).write_bytes(made.find_part(foreign).read_bytes())
@@ -211,7 +214,7 @@ def test_the_last_part_is_counted_by_its_own_runs_and_read_as_it_is_now(tiny, tm
     before = made.read_results()
     made.find_part(1).unlink()
     assert made.count_stored_runs() == 2
-    done = work.carry_out(work.StudyTask(json.dumps(study.to_mapping()), 1))
+    done = work.carry_out(work.StudyChunk(json.dumps(study.to_mapping()), 1))
     done.values[0]["reason"] = "of another day"
     made.write_chunk(1, done)
     assert made.read_results()["reason"].to_pylist() == [
@@ -343,7 +346,7 @@ def test_runs_that_a_folder_keeps_are_counted(tiny, tmp_path):
     assert study_folder.count_stored_runs(tmp_path) == 0
     with pytest.raises(StudyError, match="has no parts yet"):
         made.read_results()
-    made.write_chunk(2, work.carry_out(work.StudyTask(json.dumps(tiny().to_mapping()), 2)))
+    made.write_chunk(2, work.carry_out(work.StudyChunk(json.dumps(tiny().to_mapping()), 2)))
     assert study_folder.count_stored_runs(tmp_path) == 2
 
 
@@ -357,7 +360,7 @@ def test_other_code_does_not_go_on_with_a_study(tiny, tmp_path):
         made.check_code()
     with pytest.raises(StudyError, match="a worker has other versions: numpy"):
         engine.carry_out(made, InProcessPool(), quiet(tiny()))
-    task = work.StudyTask("{}", 0, versions=tuple(made.manifest["versions"].items()))
+    task = work.StudyChunk("{}", 0, versions=tuple(made.manifest["versions"].items()))
     with pytest.raises(StudyError, match="a worker has other versions: numpy"):
         work.carry_out(task)
 
@@ -374,7 +377,7 @@ def test_changed_code_of_a_user_does_not_go_on_with_a_study(tiny, tmp_path, monk
     with pytest.raises(StudyError, match="with other code .my_own_metrics [0-9a-f]{16} here"):
         StudyFolder.open(tmp_path / "out").check_code()
     known = tuple(made.manifest["versions"].items())
-    task = work.StudyTask(json.dumps(made.study.to_mapping()), 0, versions=known)
+    task = work.StudyChunk(json.dumps(made.study.to_mapping()), 0, versions=known)
     with pytest.raises(StudyError, match="a worker has other versions: my_own_metrics"):
         work.carry_out(task)
 
@@ -480,7 +483,7 @@ def test_a_killed_process_leaves_a_folder_that_goes_on(tiny, tmp_path):
     child = os.fork()
     if not child:
         with made.lock():
-            task = work.StudyTask(json.dumps(study.to_mapping()), 1)
+            task = work.StudyChunk(json.dumps(study.to_mapping()), 1)
             made.write_chunk(1, work.carry_out(task))
             os.kill(os.getpid(), signal.SIGKILL)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
@@ -562,7 +565,7 @@ class Scripted:
     @property
     def stdout(self):
         start, stop = self.begun[-1]
-        done = [rows.Rows([{"run": n, "outcome": "x"}]) for n in range(start, stop)[:self.count]]
+        done = [rows.RunRows([{"run": n, "outcome": "x"}]) for n in range(start, stop)[:self.count]]
         return io.BytesIO(b"".join(map(pickle.dumps, done)))
 
     def kill(self):
@@ -604,7 +607,7 @@ def test_a_run_is_lost_when_its_process_ends_twice_or_hangs_once(
     study = tiny(repeats=5, vary={}, chunk=5, limit=9.0)
     monkeypatch.setattr(subprocess, "Popen", type("", (Scripted,), {"script": script, "begun": []}))
     monkeypatch.setattr(threading, "Timer", Now)
-    done = work.carry_out(work.StudyTask(json.dumps(study.to_mapping()), 0, True))
+    done = work.carry_out(work.StudyChunk(json.dumps(study.to_mapping()), 0, True))
     assert subprocess.Popen.begun == [(first, 5) for first in begun]
     assert Scripted.timer.limit == 69.0
     assert [row["run"] for row in done.values] == list(range(5))
@@ -662,7 +665,7 @@ def walls(worker, *seconds):
 def test_the_line_of_progress():
     now = [0.0]
     out = io.StringIO()
-    progress = Progress(100, 20, out, clock=lambda: now[0])
+    progress = StudyProgress(100, 20, out, clock=lambda: now[0])
     now[0] = 10.0
     progress.add_runs(20, 3, walls("a", *[1.0] * 20), 2)
     assert "40/100 runs, 2/s, 3 without success, 30 s left" in out.getvalue()
@@ -674,11 +677,11 @@ def test_the_line_of_progress():
     now[0] = 21.0
     progress.add_runs(58, 0)
     assert "100/100" in out.getvalue() and "0 s left" in out.getvalue()
-    assert Progress(0).make_line().endswith("#] 0/0 runs, 0 without success, 0 s left")
-    untimed = Progress(2, 1, io.StringIO())
+    assert StudyProgress(0).make_line().endswith("#] 0/0 runs, 0 without success, 0 s left")
+    untimed = StudyProgress(2, 1, io.StringIO())
     untimed.add_runs(1, 0)
     assert untimed.make_line().endswith(" 2/2 runs, 0 without success, 0 s left")
-    quick = Progress(9, out=io.StringIO(), clock=lambda: 0.0)  # sooner than any clock shows
+    quick = StudyProgress(9, out=io.StringIO(), clock=lambda: 0.0)  # sooner than any clock shows
     quick.add_runs(2, 0, walls("a", 0.0, 0.0))
     assert quick.make_line().endswith(" 2/9 runs, 0 without success, 0 s left")
 
@@ -694,7 +697,7 @@ def test_on_a_terminal_a_line_is_drawn_over_itself_until_it_is_gone(terminal):
     quarter = f"\r[{'#' * 6}{'.' * 18}]  25 % e first {'x' * 40}\x1b[K"
     whole = f"\r[{'#' * 24}] 100 % the second\x1b[K\r\x1b[K"
     assert out.getvalue() == (quarter + whole if terminal else "")
-    progress = Progress(4, 0, out, clock=lambda: 0.0)
+    progress = StudyProgress(4, 0, out, clock=lambda: 0.0)
     out.truncate(0)
     for _ in range(3):
         progress.add_runs(1, 0)
@@ -719,7 +722,7 @@ def test_a_notebook_shows_a_bar_and_a_file_does_not():
     for out, shown in ((stream(), True), (io.StringIO(), False)):
         ProgressBar(out).show(0.5, "one")
         assert out.getvalue().startswith("\r[####") is shown
-        progress = Progress(4, 0, out)
+        progress = StudyProgress(4, 0, out)
         progress.add_runs(1, 0)
         assert out.getvalue().endswith("\n") is not shown
 
@@ -736,7 +739,7 @@ def test_times_are_told_in_a_unit_that_fits(seconds, told):
 def test_the_first_line_does_not_take_compiling_for_the_rate():
     """A run that compiles loops takes 40 s, every other 1 s: of 160 runs 40 minutes were told."""
     now = [40.0]
-    progress = Progress(160, 0, io.StringIO(), clock=lambda: now[0])
+    progress = StudyProgress(160, 0, io.StringIO(), clock=lambda: now[0])
     progress.add_runs(1, 0, walls("a", 40.0), 2)
     assert "1/160 runs, 0 without success, unknown time left" in progress.make_line()
     now[0] = 41.0

@@ -13,9 +13,9 @@ from aras_visual_servo_bench.metrics import decay as decays
 from aras_visual_servo_bench.metrics import metrics, summary
 from aras_visual_servo_bench.recording.run import CameraRecord, Run, Verdict
 from aras_visual_servo_bench.studies.results import REAL_TIME_MULTIPLE
-from aras_visual_servo_bench.targets.geometry import Motion, PlacedTarget, PolygonTarget
+from aras_visual_servo_bench.targets.geometry import PlacedTarget, PolygonTarget, TargetMotion
 from aras_visual_servo_bench.targets.target_spec import TargetSpec
-from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_controller.records.outcomes import ArrivalStatus, PoseUncertainty
 from aras_visual_servo_controller.records.state import ServoState
 from aras_visual_servo_controller.schemes import SchemeOutput
@@ -158,7 +158,9 @@ def target(corners, z=1.0, motion=(0.0, 0.0, 0.0)):
     """A target whose corners are also pixels, seen from above."""
     pose = np.eye(4)
     pose[2, 3] = z
-    return PlacedTarget(PolygonTarget(corners), pose, Motion(velocity=(*motion, 0.0, 0.0, 0.0)))
+    return PlacedTarget(
+        PolygonTarget(corners), pose, TargetMotion(velocity=(*motion, 0.0, 0.0, 0.0))
+    )
 
 
 def test_excursion_is_the_farthest_corner_in_half_sizes_of_the_image():

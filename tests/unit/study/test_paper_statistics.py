@@ -22,9 +22,10 @@ from aras_visual_servo_bench.metrics.formatting import choose_unit
 from aras_visual_servo_bench.metrics.metrics import METRICS
 from aras_visual_servo_bench.plots import study_figures
 from aras_visual_servo_bench.plots.palette import VERMILION
-from aras_visual_servo_bench.studies import captions, compare, rows, tables
+from aras_visual_servo_bench.studies import captions, compare, tables
+from aras_visual_servo_bench.studies import run_rows as rows
 from aras_visual_servo_bench.studies.study_folder import StudyFolder
-from aras_visual_servo_bench.web.browse import queries
+from aras_visual_servo_bench.web.browse import result_queries as queries
 from aras_visual_servo_bench.web.browse.studies import Studies
 
 SCHEMES = ("points", "moments", "polar")
@@ -64,7 +65,7 @@ def write_study(path, study: Study, make=make_row):
     for chunk in range(study.chunk_count):
         made = [make(study, run) for run in study.list_chunk_runs(chunk)]
         times = [{"run": row["run"], "wall": 1.0, "processor": 1.0, "worker": "w"} for row in made]
-        folder.write_chunk(chunk, rows.Rows([
+        folder.write_chunk(chunk, rows.RunRows([
             {**row, "outcome": row["outcome"] or "refused"} for row in made], times))  # fmt: skip
     return path
 

@@ -13,11 +13,12 @@ from typing import NamedTuple
 import pytest
 
 from aras_visual_servo_bench.errors import BenchError, StudyError
-from aras_visual_servo_bench.studies import rows, versions
+from aras_visual_servo_bench.studies import run_rows as rows
+from aras_visual_servo_bench.studies import versions
+from aras_visual_servo_bench.studies.chunk_execution import StudyChunk
 from aras_visual_servo_bench.studies.pools import MAX_DEATHS, DaskPool
-from aras_visual_servo_bench.studies.work import StudyTask
 
-DONE, CANCELLED = rows.Rows([{"run": 1}]), "cancelled"
+DONE, CANCELLED = rows.RunRows([{"run": 1}]), "cancelled"
 
 
 class KilledError(Exception):
@@ -159,7 +160,7 @@ def test_every_worker_has_one_chunk_waiting_and_is_made_anew_after_so_many(pool_
     done, most = [], 0
     while len(done) < 30:
         while pool.has_room:
-            pool.submit(StudyTask("", len(dask.sent)))
+            pool.submit(StudyChunk("", len(dask.sent)))
         most = max(most, len(dask.sent) - len(done))
         task, found = pool.wait_for_chunk()
         assert found is DONE
@@ -176,7 +177,7 @@ def test_every_worker_has_one_chunk_waiting_and_is_made_anew_after_so_many(pool_
 
 def test_a_chunk_whose_worker_died_is_sent_again_with_its_runs_guarded(pool_of):
     dask, pool = pool_of()
-    task = StudyTask("", 7)
+    task = StudyChunk("", 7)
     for tries in range(2 * MAX_DEATHS):
         # Once it was done its deaths are forgotten.
         dask.ends.append(DONE if tries == MAX_DEATHS else KilledError())
@@ -204,7 +205,7 @@ def test_a_chunk_whose_worker_died_is_sent_again_with_its_runs_guarded(pool_of):
 def test_what_went_wrong_with_a_chunk_is_told(pool_of, end, told):
     dask, pool = pool_of()
     dask.ends.append(end)
-    pool.submit(StudyTask("", 0))
+    pool.submit(StudyChunk("", 0))
     with pytest.raises(StudyError, match=told):
         pool.wait_for_chunk()
     with pytest.raises(StudyError, match="submit a chunk first"):
@@ -270,8 +271,8 @@ def test_nobody_is_kept_busy_by_waiting_for_a_chunk(pool_of, monkeypatch):
     monkeypatch.setattr(dask, "add", sent.append)
     monkeypatch.setattr(dask, "is_empty", lambda: False)
     monkeypatch.setattr(time, "sleep", sleep)
-    pool.submit(StudyTask("", 3))
-    assert pool.wait_for_chunk() == (StudyTask("", 3), DONE)  # it came while it slept
+    pool.submit(StudyChunk("", 3))
+    assert pool.wait_for_chunk() == (StudyChunk("", 3), DONE)  # it came while it slept
 
 
 @pytest.mark.parametrize(("keys", "patience", "left"), [
@@ -303,10 +304,10 @@ def test_a_scheduler_that_is_gone_is_told_wherever_it_is_missed(pool_of, monkeyp
     now = time.monotonic()
     monkeypatch.setattr(time, "monotonic", lambda: now + 3.0)
     if call != "submit":
-        pool.submit(StudyTask("", 0))
+        pool.submit(StudyChunk("", 0))
     if call == "scheduler_info":
         pool.wait_for_chunk()
     monkeypatch.setattr(Dask, call, gone)
     with pytest.raises(StudyError, match=r"^the connection to the scheduler is lost \(closed\)"):
-        {"submit": lambda: pool.submit(StudyTask("", 0)), "__next__": pool.wait_for_chunk}.get(
+        {"submit": lambda: pool.submit(StudyChunk("", 0)), "__next__": pool.wait_for_chunk}.get(
             call, lambda: pool.has_room)()

@@ -20,13 +20,15 @@ from aras_visual_servo_bench.metrics import formatting, statistics
 from aras_visual_servo_bench.metrics.metrics import metric
 from aras_visual_servo_bench.recording.film import with_images
 from aras_visual_servo_bench.runner import loop
-from aras_visual_servo_bench.studies import columns, compare, engine, replay, rows, tables
-from aras_visual_servo_bench.studies.engine import carry_out
+from aras_visual_servo_bench.studies import columns, compare, replay, tables
+from aras_visual_servo_bench.studies import run_rows as rows
+from aras_visual_servo_bench.studies import study_execution as engine
 from aras_visual_servo_bench.studies.pools import InProcessPool
-from aras_visual_servo_bench.studies.progress import Progress
 from aras_visual_servo_bench.studies.results import Results
 from aras_visual_servo_bench.studies.study import Study
+from aras_visual_servo_bench.studies.study_execution import carry_out
 from aras_visual_servo_bench.studies.study_folder import StudyFolder
+from aras_visual_servo_bench.studies.study_progress import StudyProgress
 from aras_visual_servo_bench.studies.tuner import SearchRange, Tuner
 from aras_visual_servo_bench.web.report.video import write_video, write_with_video
 
@@ -185,7 +187,7 @@ def test_differences_that_are_more_than_chance_are_told_with_their_direction():
 
 def in_process(study, path):
     folder = StudyFolder.create(path, study, "")
-    carry_out(folder, InProcessPool(), Progress(study.run_count, out=io.StringIO()))
+    carry_out(folder, InProcessPool(), StudyProgress(study.run_count, out=io.StringIO()))
 
 
 def test_the_tuner_finds_the_gain_and_goes_on_where_it_was(tiny, tmp_path):
@@ -234,7 +236,7 @@ def answering(measure):
             for run in study.list_chunk_runs(chunk):
                 row = rows.make_blank_row(study, run)
                 done.append({**row, "outcome": "x", **measure(row["gain"], row["repeat"])})
-            folder.write_chunk(chunk, rows.Rows(done, [{"run": row["run"]} for row in done]))
+            folder.write_chunk(chunk, rows.RunRows(done, [{"run": row["run"]} for row in done]))
 
     return carry
 
@@ -448,7 +450,7 @@ def test_a_study_is_judged_by_the_metric_that_it_names(tiny, tmp_path):
     row = {**rows.make_blank_row(study, 0), "outcome": "timed_out", "success": 0.0, "reduced": 1.0,
            "simulated": 2.0}  # fmt: skip
     folder.write_chunk(
-        0, rows.Rows([row], [{"run": 0, "wall": 0.0, "processor": 1.0, "worker": "w"}])
+        0, rows.RunRows([row], [{"run": 0, "wall": 0.0, "processor": 1.0, "worker": "w"}])
     )
     found = Results.read(tmp_path / "out")
     assert found.compute_successes().tolist() == [1.0]
@@ -470,7 +472,7 @@ def test_where_a_number_is_published_a_row_says_whether_it_is_met(tiny, tmp_path
     done = [
         {**rows.make_blank_row(study, run), "outcome": "x", "images": 7 + run} for run in range(4)
     ]
-    folder.write_chunk(0, rows.Rows(done, [{"run": 0, "wall": 1.0, "worker": "w"}]))
+    folder.write_chunk(0, rows.RunRows(done, [{"run": 0, "wall": 1.0, "worker": "w"}]))
     table = Results.read(tmp_path / "out").table
     assert table["published"].to_pylist() == ["outcome x, images 7"] * 2 + [""] * 2
     assert table["met"].to_pylist() == [True, False, None, None]

@@ -24,11 +24,12 @@ from scipy import stats
 from aras_visual_servo_bench.cli import main
 from aras_visual_servo_bench.metrics import statistics
 from aras_visual_servo_bench.plots import palette, study_figures
-from aras_visual_servo_bench.studies import compare, rows
+from aras_visual_servo_bench.studies import compare
+from aras_visual_servo_bench.studies import run_rows as rows
 from aras_visual_servo_bench.studies.results import Results
 from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_bench.studies.study_folder import StudyFolder
-from aras_visual_servo_bench.web.browse import queries
+from aras_visual_servo_bench.web.browse import result_queries as queries
 from aras_visual_servo_bench.web.browse.server import serve
 from aras_visual_servo_bench.web.browse.studies import Studies
 
@@ -88,7 +89,7 @@ def path(tmp_path_factory):
         folder = StudyFolder.create(path / name, study, yaml.safe_dump(study.to_mapping()))
         for chunk in set(range(study.chunk_count)) - set(missing):
             pairs = [made_rows(study, run, name == "two") for run in study.list_chunk_runs(chunk)]
-            folder.write_chunk(chunk, rows.Rows([v for v, _ in pairs], [t for _, t in pairs]))
+            folder.write_chunk(chunk, rows.RunRows([v for v, _ in pairs], [t for _, t in pairs]))
     for lost in ("one/times/000005.parquet", "two/times/000015.parquet"):  # somebody deleted them
         (path / lost).unlink()
     return path
@@ -415,7 +416,7 @@ def test_distributions_and_boxes_show_the_rows_numbers(path, one):
 
 def test_the_browser_s_groups_cells_and_points_are_recomputed(path, one):
     look = Studies([path]).read_snapshot(is_forced=True)
-    mine = {"studies": ("one",), "filters": (queries.Filter("delay", "<", 0.1),)}
+    mine = {"studies": ("one",), "filters": (queries.ColumnFilter("delay", "<", 0.1),)}
     chosen, asked = one[one.delay < 0.1], ("settled", "final_angle")
     groups = queries.compute_groups(look, queries.GroupQuery(**mine, by=("gain",), values=asked))
     assert groups["count"] == 3

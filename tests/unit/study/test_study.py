@@ -17,9 +17,9 @@ from scipy import stats
 from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.experiment import overrides
 from aras_visual_servo_bench.setup.assembly import assemble
-from aras_visual_servo_bench.studies import rows
-from aras_visual_servo_bench.studies.engine import check_study
+from aras_visual_servo_bench.studies import run_rows as rows
 from aras_visual_servo_bench.studies.study import Study
+from aras_visual_servo_bench.studies.study_execution import check_study
 from aras_visual_servo_bench.studies.study_folder import StudyFolder
 
 FREE = {"plant": "free"}

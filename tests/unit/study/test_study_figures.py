@@ -9,7 +9,7 @@ from scipy.stats import spearmanr
 
 from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.plots import distributions, palette, study_figures
-from aras_visual_servo_bench.studies import rows as study_rows
+from aras_visual_servo_bench.studies import run_rows as study_rows
 from aras_visual_servo_bench.studies.results import Results
 from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_bench.studies.study_folder import StudyFolder
@@ -79,7 +79,7 @@ def trace(path, run, seed, traces=True, lost=()):
         table.append({"run": int(number), "stamp": stamp, "error": error.tolist(),
                       "pose": pose.ravel().tolist()})  # fmt: skip
     done = [study_rows.make_blank_row(study, n) for n in range(study.run_count)]
-    StudyFolder.create(path, study, "").write_chunk(0, study_rows.Rows(done, [], table))
+    StudyFolder.create(path, study, "").write_chunk(0, study_rows.RunRows(done, [], table))
     return table
 
 

@@ -13,7 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from aras_visual_servo_bench.runner.loop import run
-from aras_visual_servo_controller.errors import SchemeTimeoutError
+from aras_visual_servo_controller.errors import UnresponsiveSchemeError
 from aras_visual_servo_controller.schemes.time_limit import call_user_code
 
 LIMIT = 0.5  # s
@@ -78,7 +78,7 @@ def test_a_wait_is_interrupted_where_scripts_run_in_the_background():
         env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),
     )  # fmt: skip
-    assert done.stdout == "SchemeTimeoutError\n", done.stderr
+    assert done.stdout == "UnresponsiveSchemeError\n", done.stderr
 
 
 def test_a_call_within_its_limit_is_as_without_one():
@@ -91,7 +91,7 @@ def test_a_call_within_its_limit_is_as_without_one():
 
 def test_a_call_beyond_its_limit_says_where_it_was():
     for hang in (busy, asleep, waits):
-        with pytest.raises(SchemeTimeoutError, match="did not end within 0.2 s") as error:
+        with pytest.raises(UnresponsiveSchemeError, match="did not end within 0.2 s") as error:
             call_user_code(hang, limit=0.2)
         assert "Traceback" in error.value.trace and hang.__name__ in error.value.trace
     time.sleep(1.6)  # nothing is raised afterwards

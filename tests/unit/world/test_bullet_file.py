@@ -157,7 +157,7 @@ def test_what_bullet_is_given_is_the_model_but_for_what_the_world_does(make, tmp
 
 
 def test_a_tensor_that_bullet_would_not_take_is_a_sphere_s_in_its_file(make):
-    """body.py tells Bullet the true moments; those it takes are as they are."""
+    """bullet_body.py tells Bullet the true moments; those it takes are as they are."""
     for moments, written in (((1.0, 2.0, 4.0), (4.0, 4.0, 4.0)), ((1.0, 3.0, 4.0), (1.0, 3.0, 4.0)),
                              ((1.0, 2.0, 2.5), (1.0, 2.0, 2.5))):
         described = parse_urdf(make.robot(make.link("a", inertia=(*moments, 0, 0, 0))))

@@ -9,7 +9,7 @@ import pytest
 from aras_sim_bridge.description import Geometry, Visual, parse_urdf
 from aras_sim_bridge.errors import WorldError
 from aras_sim_bridge.world import Pose, World
-from aras_sim_bridge.world.checks import check_simulable
+from aras_sim_bridge.world.model_checks import check_simulable
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from aras_sim_bridge.control.controllers import Controller
 from aras_sim_bridge.control.controllers.joint_state import JointStateController
 from aras_sim_bridge.control.controllers.pid_controllers import PidPositionController
 from aras_sim_bridge.control.drives import MAX_EFFORT
-from aras_sim_bridge.control.pid import Gains
+from aras_sim_bridge.control.pid import PidGains
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.errors import WorldError
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
@@ -164,7 +164,7 @@ def commands(seed, names, spread):
             manager = robot_of(simulation).manager
             for name in names:
                 for pid in manager.get(name).pids.values():
-                    pid.set_gains(Gains(*pid.gains)._replace(p=0.7 * pid.gains.p, i=i))
+                    pid.set_gains(PidGains(*pid.gains)._replace(p=0.7 * pid.gains.p, i=i))
         return act
 
     def stop(simulation):
@@ -355,7 +355,7 @@ def test_an_effort_that_is_no_number_stops_the_world_before_the_step(step):
     simulation = arrived(motors())
     (robot,) = simulation.robots.values()
     step(simulation, simulation.time_ns + MS)
-    robot.hardware.pids["bend"].set_gains(Gains(p=1e308, d=-1e308))
+    robot.hardware.pids["bend"].set_gains(PidGains(p=1e308, d=-1e308))
     robot.hardware.drives[2].row[MAX_EFFORT] = float("inf")
     robot.manager.get("bend").set_command(5.0)
     before = [list(part) for part in robot.model.read_joints()]

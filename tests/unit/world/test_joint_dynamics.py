@@ -15,7 +15,7 @@ from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_sim_bridge.world import World, joint_dynamics, resting_base
 from aras_sim_bridge.world.description_changes import change_joint
-from aras_sim_bridge.world.joint_space import JointSpace
+from aras_sim_bridge.world.fixed_base_dynamics import FixedBaseDynamics
 from aras_visual_servo_base.poses import Pose
 
 DT = 0.001
@@ -85,9 +85,9 @@ class Reference:
 
 
 def space_of(text, resolve=None, **changes):
-    """A JointSpace with its root at the world's origin, and its description."""
+    """A FixedBaseDynamics with its root at the world's origin, and its description."""
     robot = parse_urdf(text) if resolve is None else resolve(text)
-    space = JointSpace(robot, robot.list_moving_joints())
+    space = FixedBaseDynamics(robot, robot.list_moving_joints())
     space.set_root(Pose(), tuple(GRAVITY))
     return space, robot
 

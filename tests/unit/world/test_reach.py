@@ -9,7 +9,12 @@ from test_joint_dynamics import tree_xml
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.world import Pose, World
 from aras_sim_bridge.world import collision_filters as reach
-from aras_sim_bridge.world.collision_filters import Box, HalfSpace, compute_reach, find_solids
+from aras_sim_bridge.world.collision_filters import (
+    BoundingBox,
+    HalfSpace,
+    compute_reach,
+    find_solids,
+)
 
 HULL = 2e-3  # m: Bullet's margins around shapes
 ROOT = Pose.from_rpy((1.0, -2.0, 3.0), (0.4, -0.3, 2.0))
@@ -69,10 +74,10 @@ def test_a_box_holds_what_a_slide_and_a_turn_allow_and_no_more(make):
 
 
 def test_gaps_between_boxes_and_above_slopes():
-    box = Box((1.0, 2.0, 3.0), (1.5, 4.0, 3.2))
-    assert box.gap(Box((-1.0, 0.0, 3.1), (0.7, 3.0, 9.0))) == pytest.approx(0.3)
-    assert Box((-1.0, 0.0, 3.1), (0.7, 3.0, 9.0)).gap(box) == pytest.approx(0.3)
-    assert box.gap(Box((1.2, 3.9, 3.15), (5.0, 5.0, 5.0))) == pytest.approx(-0.05)
+    box = BoundingBox((1.0, 2.0, 3.0), (1.5, 4.0, 3.2))
+    assert box.gap(BoundingBox((-1.0, 0.0, 3.1), (0.7, 3.0, 9.0))) == pytest.approx(0.3)
+    assert BoundingBox((-1.0, 0.0, 3.1), (0.7, 3.0, 9.0)).gap(box) == pytest.approx(0.3)
+    assert box.gap(BoundingBox((1.2, 3.9, 3.15), (5.0, 5.0, 5.0))) == pytest.approx(-0.05)
     assert box.grow(0.25) == ((0.75, 1.75, 2.75), (1.75, 4.25, 3.45))
     slope = HalfSpace((0.0, 0.0, 1.0), (0.6, 0.0, -0.8))
     assert slope.gap(box) == pytest.approx(0.6 * 1.0 - 0.8 * (3.2 - 1.0))
@@ -110,8 +115,8 @@ def test_what_may_meet_touches_a_root_or_what_another_s_joints_reach(make):
         for at, ever in (((1.15, 0.0, 0.0), True), ((1.3, 0.0, 0.0), False),
                          ((3.1, 5.0, 0.0), True), ((0.1, 5.0, 0.1), True),
                          ((4.0, 5.0, 0.0), False)):
-            box = Box(tuple(v - 0.1 for v in at), tuple(v + 0.1 for v in at))
-            assert reach.can_meet([Box((9, 9, 9), (9, 9, 9)), box], model) is ever
+            box = BoundingBox(tuple(v - 0.1 for v in at), tuple(v + 0.1 for v in at))
+            assert reach.can_meet([BoundingBox((9, 9, 9), (9, 9, 9)), box], model) is ever
 
 
 def test_what_is_below_one_of_two_planes_may_touch_them(make):
@@ -120,5 +125,5 @@ def test_what_is_below_one_of_two_planes_may_touch_them(make):
     with World() as world:
         groove = world.spawn(parse_urdf(make.robot(f'<link name="world">{planes}</link>')), "it")
         for x, touches in ((-3.0, True), (3.0, True), (0.0, False)):
-            box = Box((x - 0.1, 0.0, 1.0), (x + 0.1, 0.1, 1.1))
+            box = BoundingBox((x - 0.1, 0.0, 1.0), (x + 0.1, 0.1, 1.1))
             assert reach.can_meet([box], groove) is touches

@@ -6,7 +6,7 @@ project. Each name is imported on first use.
 
 from typing import TYPE_CHECKING
 
-from aras_visual_servo_base.lazy import lazy_exports
+from aras_visual_servo_base.lazy_imports import lazy_exports
 
 if TYPE_CHECKING:
     from aras_visual_servo_base.poses import Pose as Pose
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from .camera.effects.base import Effect as Effect
     from .control.controllers.base import Controller as Controller
     from .control.controllers.gripper import GripperGoal as GripperGoal
-    from .description.files import load_description as load_description
+    from .description.description_files import load_description as load_description
     from .description.world_file import load_world as load_world
     from .description.world_file import populate as populate
     from .errors import SimError as SimError
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 _FIRST = {
     "Simulation": ".simulation",
     "SimulationConfig": ".simulation",
-    "load_description": ".description.files",
+    "load_description": ".description.description_files",
     "Pose": "aras_visual_servo_base.poses",
 }
 _FURTHER = {

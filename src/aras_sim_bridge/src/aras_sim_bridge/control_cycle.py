@@ -1,13 +1,13 @@
 """Compiled function for many control cycles and physics steps of one robot without contacts.
 
-The compiled parts are the joint loops (joint_loops.py), limits and drives (drives.py) and the joint
-dynamics (joint_dynamics.py). When a cycle needs Python code, ControlLoop and World call the same
-compiled functions one at a time.
+The compiled parts are the joint loops (joint_control_loop.py), limits and drives (drives.py) and
+the joint dynamics (joint_dynamics.py). When a cycle needs Python code, ControlLoop and World call
+the same compiled functions one at a time.
 """
 
 from math import isfinite
 
-from aras_sim_bridge.control.controllers.joint_loops import update_loops
+from aras_sim_bridge.control.controllers.joint_control_loop import update_loops
 from aras_sim_bridge.control.drives import (
     JOINT,
     KIND,
@@ -36,8 +36,8 @@ NOT_FINITE = 4  # a commanded effort of the next cycle is not finite
 def _apply_outputs(drives, state, joints):
     """Copy the outputs of the drives to the efforts and motor targets of the joints.
 
-    `state` and `joints` are elements of JointSpace.arrays. Return False, without a change, if an
-    output is not finite.
+    `state` and `joints` are elements of FixedBaseDynamics.arrays. Return False, without a change,
+    if an output is not finite.
     """
     for k in range(len(drives)):
         if not isfinite(drives[k, OUTPUT]):
@@ -64,10 +64,10 @@ def run_cycles(count, time_ns, step_ns, loops, handles, drives,
     The function returns early if Python code has to act, for example to log a warning.
 
     Args:
-        loops, handles, drives: arrays (number, columns) with one row for each JointLoop,
+        loops, handles, drives: arrays (number, columns) with one row for each JointControlLoop,
             JointHandle and Drive.
-        bodies to modes: the elements of JointSpace.arrays, in this order. `state` (3, n) holds the
-            joint positions, velocities and efforts and is updated in place.
+        bodies to modes: the elements of FixedBaseDynamics.arrays, in this order. `state` (3, n)
+            holds the joint positions, velocities and efforts and is updated in place.
         dt: physics step, s.
         is_base_resting: whether the base rests on the ground without being fixed.
         previous_speeds to ground_wrench: the elements of RestingBase.arrays, in this order.

@@ -29,7 +29,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from .compiled import import_numba, list_functions, uncached_reasons, warn_uncached
-from .errors import CompilerError
+from .errors import NumbaUnavailableError
 
 IMPORTS_JIT = re.compile(r"^from .*compiled import .*\bjit\b", re.MULTILINE)
 
@@ -182,7 +182,7 @@ def compile_packages(
     try:
         import_numba()  # import Numba before the fork, so that the processes share it
         missing = {package: _import_modules(package, folder) for package in packages}
-    except CompilerError as error:
+    except NumbaUnavailableError as error:
         return CompilationResult([str(error)], "")
     faults = [fault for fault in missing.values() if fault]
     found = [package for package, fault in missing.items() if not fault]

@@ -24,8 +24,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from .errors import CompilerError
-from .lazy import import_without
+from .errors import NumbaUnavailableError
+from .lazy_imports import import_without
 
 if TYPE_CHECKING:
     import numba
@@ -44,13 +44,13 @@ def import_numba() -> ModuleType:
     """Import Numba, without the libraries that the project's functions do not use.
 
     Raises:
-        CompilerError: Numba is not installed or cannot be loaded.
+        NumbaUnavailableError: Numba is not installed or cannot be loaded.
     """
     try:
         import numba
     # OSError is raised if llvmlite cannot load LLVM's library
     except (ImportError, OSError) as error:
-        raise CompilerError(
+        raise NumbaUnavailableError(
             f"cannot import Numba, which compiles functions ({error}): run ./setup.sh; without "
             "ROS, pip install --force-reinstall numba"
         ) from error
@@ -86,7 +86,7 @@ class CompiledFunction:
 
         Raises:
             TypeError: the arguments do not have the declared types.
-            CompilerError: Numba, which the first call needs, cannot be imported.
+            NumbaUnavailableError: Numba, which the first call needs, cannot be imported.
         """
         return self.compile()(*arguments)
 

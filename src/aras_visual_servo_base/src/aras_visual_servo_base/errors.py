@@ -19,7 +19,7 @@ class DescriptionError(SimError):
         self.fault, self.remedy, self.path = fault, remedy, path
 
 
-class CompilerError(Exception):
+class NumbaUnavailableError(Exception):
     """Numba, which compiles functions, is not installed or cannot be loaded.
 
     It is not a SimError, because it is no error in a world or in settings.

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NoReturn
 
-from .errors import CompilerError
+from .errors import NumbaUnavailableError
 
 
 @contextlib.contextmanager
@@ -40,6 +40,6 @@ def run(module: str) -> NoReturn:
         with fast_imports():
             main = importlib.import_module(module).main
         status = main()
-    except CompilerError as error:
+    except NumbaUnavailableError as error:
         sys.exit(f"{Path(sys.argv[0]).name}: {error}")
     sys.exit(status)

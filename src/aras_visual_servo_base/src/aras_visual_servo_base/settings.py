@@ -413,7 +413,7 @@ def _to_plain(value: Any) -> Any:
     return list(map(_to_plain, value)) if isinstance(value, tuple) else value
 
 
-class KeywordSettings:
+class SettingsBase:
     """Base class of settings that users construct in Python.
 
     Wrong keywords raise the same errors as wrong keys in a file.
@@ -424,7 +424,7 @@ class KeywordSettings:
 
     fault: Fault = ValueError
 
-    def __new__(cls, *values: Any, **named: Any) -> KeywordSettings:
+    def __new__(cls, *values: Any, **named: Any) -> SettingsBase:
         """Reject positional arguments and unknown keywords. `__init__` checks the values."""
         known = _list_fields(cls)
         if values:

@@ -11,7 +11,7 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 
 from .errors import DescriptionError
-from .hand_eye import HandEyeCalibration, HandEyeError
+from .hand_eye_files import HandEyeCalibration, HandEyeFileError
 from .names import suggest
 from .poses import LINK_R_OPTICAL, inverse, matrix_from_xyz_rpy, optical_pose, xyz_rpy_from_matrix
 from .urdf import LINK, OPTICAL, parse_tree
@@ -25,16 +25,18 @@ def find_camera_link(urdf: str, calibration: HandEyeCalibration, link: str = "")
     It is `link`, or, if `link` is '', the link that the calibration file names.
 
     Raises:
-        HandEyeError: neither `link` nor the file names a link, or the robot description `urdf` has
-            no link with this name.
+        HandEyeFileError: neither `link` nor the file names a link, or the robot description `urdf`
+            has no link with this name.
     """
     name, links = link or calibration.link, parse_tree(urdf).links
     if not name:
-        raise HandEyeError("the file does not name the link that carries the camera: set "
-                           "hand_eye.link (launch: hand_eye_link), for example tool0")  # fmt: skip
+        raise HandEyeFileError(
+            "the file does not name the link that carries the camera: set "
+            "hand_eye.link (launch: hand_eye_link), for example tool0"
+        )
     if name not in links:
-        raise HandEyeError(f"the description has no link '{name}' that could carry the camera "
-                           f"({suggest(name, links)}): set hand_eye.link")  # fmt: skip
+        raise HandEyeFileError(f"the description has no link '{name}' that could carry the camera "
+                               f"({suggest(name, links)}): set hand_eye.link")  # fmt: skip
     return name
 
 
@@ -42,10 +44,10 @@ def check_optical(calibration: HandEyeCalibration) -> None:
     """Check that the calibrated camera frame is named as an optical frame, or has no name.
 
     Raises:
-        HandEyeError: the frame has a name that does not contain "optical".
+        HandEyeFileError: the frame has a name that does not contain "optical".
     """
     if calibration.frame and "optical" not in calibration.frame:
-        raise HandEyeError(
+        raise HandEyeFileError(
             f"the hand-eye file contains the pose of the frame '{calibration.frame}', which is not "
             "in the description. Check whether this is the optical frame (z forward); if so, "
             f"rename it in the file to {calibration.frame}_optical_frame"
@@ -65,7 +67,7 @@ def mount_camera(urdf: str, calibration: HandEyeCalibration, link: str, camera_f
         camera_frame: name of the camera's optical frame.
 
     Raises:
-        HandEyeError: a link does not exist, or the camera can move relative to the link that
+        HandEyeFileError: a link does not exist, or the camera can move relative to the link that
             carries it.
     """
     tree, robot = parse_tree(urdf), ElementTree.fromstring(urdf)
@@ -81,14 +83,16 @@ def mount_camera(urdf: str, calibration: HandEyeCalibration, link: str, camera_f
         try:
             for joint in tree.find_path(moved, frame):
                 if joint.kind != "fixed":
-                    raise HandEyeError(f"joint '{joint.name}' moves {frame} relative to {moved}: a "
-                                       "hand-eye calibration needs a fixed camera; make the joint "
-                                       "fixed")  # fmt: skip
+                    raise HandEyeFileError(
+                        f"joint '{joint.name}' moves {frame} relative to {moved}: a "
+                        "hand-eye calibration needs a fixed camera; make the joint "
+                        "fixed"
+                    )
                 moved_T_frame = moved_T_frame @ matrix_from_xyz_rpy(
                     joint.origin_xyz, joint.origin_rpy
                 )
         except DescriptionError as error:
-            raise HandEyeError(
+            raise HandEyeFileError(
                 f"the camera frame '{frame}' is not fixed to the camera link '{moved}': {error}"
             ) from None
     elif frame != moved and moved in tree.cameras:
@@ -102,12 +106,12 @@ def mount_camera(urdf: str, calibration: HandEyeCalibration, link: str, camera_f
         if moved not in tree.links:
             ElementTree.SubElement(robot, "link", name=moved)
     elif joint.get("type") != "fixed":
-        raise HandEyeError(f"joint '{joint.get('name')}' moves {moved}: a hand-eye calibration "
-                           "needs a camera that is fixed to its link; make the joint "
-                           "fixed")  # fmt: skip
+        raise HandEyeFileError(f"joint '{joint.get('name')}' moves {moved}: a hand-eye calibration "
+                               "needs a camera that is fixed to its link; make the joint "
+                               "fixed")  # fmt: skip
     if moved in tree.links and moved in (carrier, *(j.parent for j in tree.find_path("", carrier))):
-        raise HandEyeError(f"link '{carrier}' is the camera itself or a child of it: set "
-                           "hand_eye.link to the link that carries the camera")  # fmt: skip
+        raise HandEyeFileError(f"link '{carrier}' is the camera itself or a child of it: set "
+                               "hand_eye.link to the link that carries the camera")  # fmt: skip
     _set_joint_pose(joint, carrier, calibration.link_T_camera @ inverse(moved_T_frame))
     placed = frame == camera_frame or moved not in tree.links
     if placed and camera_frame not in (*tree.links, moved) and moved not in tree.cameras:

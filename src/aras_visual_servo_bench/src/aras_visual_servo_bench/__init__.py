@@ -6,15 +6,15 @@ Each name is imported when it is first used.
 
 from typing import TYPE_CHECKING
 
-from aras_visual_servo_base.lazy import lazy_exports
+from aras_visual_servo_base.lazy_imports import lazy_exports
 
 if TYPE_CHECKING:
     from .errors import BenchError as BenchError
     from .experiment.experiment import Experiment as Experiment
-    from .loading import load_run as load_run
     from .metrics.decay import predict_decay_rate as predict_decay_rate
     from .metrics.metrics import metric as metric
     from .recording.run import Run as Run
+    from .run_loading import load_run as load_run
     from .runner.environment import ServoEnv as ServoEnv
     from .runner.loop import Loop as Loop
     from .runner.loop import run as run
@@ -30,7 +30,7 @@ _FIRST = {
     "Experiment": ".experiment.experiment",
     "run": ".runner.loop",
     "Run": ".recording.run",
-    "load_run": ".loading",
+    "load_run": ".run_loading",
     "write_report": ".web.report.write",
     "Study": ".studies.study",
     "run_study": ".studies.run_study",

@@ -20,7 +20,7 @@ class ExperimentError(BenchError):
     """Error in the settings of an experiment."""
 
 
-class ViewError(BenchError):
+class OutOfViewError(BenchError):
     """Error that the target is behind the camera or outside the image."""
 
 
@@ -28,7 +28,7 @@ class StudyError(BenchError):
     """Error of a study that cannot be started, continued or read."""
 
 
-class RefusedError(BenchError):
+class RefusedRequestError(BenchError):
     """A request from a web page is refused; the message gives the reason."""
 
 

@@ -17,13 +17,13 @@ from sensor_msgs.msg import Image as ImageMessage
 from aras_visual_servo_base.stamp_synchronizer import StampSynchronizer
 from aras_visual_servo_ros.shutdown import iterate_at_period
 
+from .camera_model import CameraModel
 from .detection_pipeline import DetectionPipeline
 from .detection_publishers import MOMENTS_TOPIC, DetectionPublishers
 from .errors import InvalidIntrinsicsError, VisionError
 from .images import decode
 from .label_subscribers import BUFFER_SIZE, LabelSubscribers
 from .parameters import VisionParameters
-from .undistortion import CameraModel
 
 CAMERA = "/labrob/camera"
 IMAGE_TOPIC, INFO_TOPIC = f"{CAMERA}/image_raw", f"{CAMERA}/camera_info"

@@ -13,13 +13,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .corner_fits import MAX_CORNERS, centre_polygon, fit_sides, locate_edge, merge_corners
+from .camera_model import CameraModel
+from .compiled_contour import MAX_CORNERS, centre_polygon, fit_sides, locate_edge, merge_corners
 from .errors import SegmentationError
-from .line_fits import propagate_line_errors
+from .intersection_accuracy import propagate_line_errors
 from .pixel_coverage import compute_coverage
 from .polygons import Array, signed_area
 from .segmented_target import SegmentedTarget
-from .undistortion import CameraModel
 
 # A side is split in two if it deviates from a straight line by more than both limits: MAX_BEND
 # (fraction of the outline's length) and MIN_BEND (px). A side shorter than MIN_SIDE (px) is

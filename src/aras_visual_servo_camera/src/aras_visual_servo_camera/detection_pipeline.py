@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from aras_visual_servo_base.settings import parameter
 
+from .camera_model import CameraModel
 from .degeneracy import gyration_radius
 from .edge_pixels import locate_covered_parts
 from .errors import InvalidIntrinsicsError, SegmentationError, VisionError
@@ -17,9 +18,8 @@ from .images import Image
 from .kernel import compute_kernel_features, compute_original_moments
 from .moments import MAX_ORDER, Moments
 from .pixel_coverage import compute_coverage
-from .segmentation import BY_COLOUR, SegmentationSettings
+from .segmentation_settings import BY_COLOUR, SegmentationSettings
 from .segmented_target import SegmentedTarget, segment
-from .undistortion import CameraModel
 
 LAYOUTS = ("moments", "kernel")
 WEIGHTINGS = ("coverage", "binary")

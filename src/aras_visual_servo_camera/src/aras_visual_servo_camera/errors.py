@@ -47,5 +47,5 @@ class TrackingModelError(VisionError):
     """A mesh or a start pose that cannot be used for tracking."""
 
 
-class ParameterError(VisionError):
+class VisionParameterError(VisionError):
     """A parameter of the node that is unknown, of the wrong type or out of range."""

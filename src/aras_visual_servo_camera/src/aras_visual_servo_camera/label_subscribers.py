@@ -10,8 +10,8 @@ from sensor_msgs.msg import Image as ImageMessage
 from std_msgs.msg import String
 
 from .errors import VisionError
-from .labels import TargetLabels, read_labels
-from .segmentation import SegmentationSettings
+from .label_segmentation import LabelSegmentation, read_labels
+from .segmentation_settings import SegmentationSettings
 from .segmented_target import Mask
 
 # Size of a subscriber's buffer, bytes, enough for several images. With a buffer smaller than an
@@ -40,7 +40,7 @@ class LabelSubscribers:
             callback: function that is called with the text 'labels' and the message of each label
                 image.
         """
-        self._target_labels = TargetLabels(label)
+        self._target_labels = LabelSegmentation(label)
         self.topic = rospy.resolve_name(f"{camera}/segmentation/image_raw")
         options = {"queue_size": 1, "tcp_nodelay": True}
         self.subscribers = [

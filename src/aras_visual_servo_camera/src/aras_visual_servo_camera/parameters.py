@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from aras_visual_servo_base.settings import build, parameter
 
 from .detection_pipeline import DetectionSettings
-from .errors import ParameterError, SegmentationError
-from .segmentation import SegmentationSettings
+from .errors import SegmentationError, VisionParameterError
+from .segmentation_settings import SegmentationSettings
 
 
 def copy_parameter(settings: type, name: str) -> Any:
@@ -68,15 +68,15 @@ class VisionParameters:
 
     def __post_init__(self) -> None:
         if self.component == "mask" and not self.mask_image:
-            raise ParameterError(
+            raise VisionParameterError(
                 "parameter ~component is 'mask', so ~mask_image must be the path of an image file"
             )
         if len(self.desired_outline) % 2 or 0 < len(self.desired_outline) < 6:
-            raise ParameterError(
+            raise VisionParameterError(
                 "parameter ~desired_outline must be empty, or a list of x and y of at least three "
                 "corners"
             )
-        # Raises a ParameterError if the segmentation settings are invalid.
+        # Raises a VisionParameterError if the segmentation settings are invalid.
         _ = self.pipeline_settings
 
     @classmethod
@@ -87,28 +87,27 @@ class VisionParameters:
         controller node accepts the same mapping.
 
         Raises:
-            ParameterError: a parameter is unknown or invalid; the message names it.
+            VisionParameterError: a parameter is unknown or invalid; the message names it.
         """
         entry = mapping.get("segmentation")
         if isinstance(entry, Mapping):
             segmentation = build(
-                SegmentationSettings, entry, "parameter ~segmentation", ParameterError
+                SegmentationSettings, entry, "parameter ~segmentation", VisionParameterError
             )
             settings = {name: getattr(segmentation, name) for name in entry}
             mapping = {**mapping, **settings, "segmentation": segmentation.method}
             mapping.pop("method", None)
-        return build(cls, mapping, "parameter ~", ParameterError)
+        return build(cls, mapping, "parameter ~", VisionParameterError)
 
     @cached_property
     def pipeline_settings(self) -> DetectionSettings:
-        """Settings of the pipeline; raises ParameterError if the segmentation settings are invalid.
-        """
+        """Settings of the pipeline; raises VisionParameterError if the segmentation is invalid."""
         try:
             segmentation = SegmentationSettings(
                 method=self.segmentation, **self._select_settings(SegmentationSettings)
             )
         except SegmentationError as error:
-            raise ParameterError(f"parameter ~{error}") from None
+            raise VisionParameterError(f"parameter ~{error}") from None
         return DetectionSettings(
             **{**self._select_settings(DetectionSettings), "segmentation": segmentation}
         )
@@ -127,13 +126,13 @@ class VisionParameters:
         """Return the grey levels (rows, columns) of the mask image; return None if no file is set.
 
         Raises:
-            ParameterError: the file cannot be read.
+            VisionParameterError: the file cannot be read.
         """
         if not self.mask_image:
             return None
         mask = cv2.imread(self.mask_image, cv2.IMREAD_GRAYSCALE)
         if mask is None:
-            raise ParameterError(
+            raise VisionParameterError(
                 f"parameter ~mask_image: cannot read an image from '{self.mask_image}'; set it to "
                 "the path of an image file"
             )

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from .errors import SegmentationError, VisionError
 from .markers import MarkerChoice
-from .segmentation import BY_COLOUR, SegmentationSettings
+from .segmentation_settings import BY_COLOUR, SegmentationSettings
 
 Mask = NDArray[np.uint8]
 Box = tuple[int, int, int, int]

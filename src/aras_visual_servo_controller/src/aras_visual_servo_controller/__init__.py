@@ -6,18 +6,18 @@ Each name is imported when it is first used.
 
 from typing import TYPE_CHECKING
 
-from aras_visual_servo_base.lazy import lazy_exports
+from aras_visual_servo_base.lazy_imports import lazy_exports
 
 if TYPE_CHECKING:
     from aras_visual_servo_base.settings import parameter as parameter
-    from aras_visual_servo_camera.features import Reference as Reference
-    from aras_visual_servo_camera.features import (
+    from aras_visual_servo_camera.camera_model import CameraModel as CameraModel
+    from aras_visual_servo_camera.interaction import point_interaction as point_interaction
+    from aras_visual_servo_camera.moment_feature_values import Reference as Reference
+    from aras_visual_servo_camera.moment_feature_values import (
         compute_moment_features as compute_moment_features,
     )
-    from aras_visual_servo_camera.interaction import point_interaction as point_interaction
     from aras_visual_servo_camera.moments import Moments as Moments
     from aras_visual_servo_camera.trackers.base import Tracker as Tracker
-    from aras_visual_servo_camera.undistortion import CameraModel as CameraModel
 
     from .errors import ConfigurationError as ConfigurationError
     from .errors import MeasurementError as MeasurementError
@@ -74,10 +74,10 @@ _FURTHER = {
     "JointSample": ".kinematics.joint_sample",
     "FeatureObserver": ".observation.feature_observer",
     "Servo": ".loop.servo",
-    "CameraModel": "aras_visual_servo_camera.undistortion",
+    "CameraModel": "aras_visual_servo_camera.camera_model",
     "Moments": "aras_visual_servo_camera.moments",
-    "Reference": "aras_visual_servo_camera.features",
-    "compute_moment_features": "aras_visual_servo_camera.features",
+    "Reference": "aras_visual_servo_camera.moment_feature_values",
+    "compute_moment_features": "aras_visual_servo_camera.moment_feature_values",
     "parameter": "aras_visual_servo_base.settings",
     "Tracker": "aras_visual_servo_camera.trackers.base",
     "ServoError": ".errors",

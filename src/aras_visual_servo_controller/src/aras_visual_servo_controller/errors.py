@@ -63,5 +63,5 @@ class InteractionMatrixError(SchemeError):
         self.check = check
 
 
-class SchemeTimeoutError(SchemeError):
+class UnresponsiveSchemeError(SchemeError):
     """A scheme whose code did not return within its time limit."""

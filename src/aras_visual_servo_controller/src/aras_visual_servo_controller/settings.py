@@ -21,7 +21,7 @@ from aras_visual_servo_base.urdf import parse_tree
 from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_camera.errors import SegmentationError, VisionError
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_camera.segmentation import SegmentationSettings
+from aras_visual_servo_camera.segmentation_settings import SegmentationSettings
 
 from .errors import ConfigurationError
 from .goals.goal import Goal

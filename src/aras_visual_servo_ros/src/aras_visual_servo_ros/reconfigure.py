@@ -30,7 +30,7 @@ from aras_visual_servo_ros.parameters import InvalidParameterError, Value
 
 
 @dataclass(frozen=True)
-class Field:
+class ReconfigurableParameter:
     """One reconfigurable parameter of type 'double', 'int', 'bool' or 'str'.
 
     The limits are inclusive; strings have no limits.
@@ -69,7 +69,7 @@ class ReconfigureServer:
     def __init__(
         self,
         namespace: str,
-        fields: Sequence[Field],
+        fields: Sequence[ReconfigurableParameter],
         values: Mapping[str, Value],
         apply: Callable[[dict[str, Value]], Mapping[str, Value] | None],
     ) -> None:

@@ -14,9 +14,9 @@ from collections.abc import Callable, Iterator
 import rosgraph
 import rospy
 
-from .connections import accept_in_threads, find_publishers, send_directly
 from .log_folder import check_log_folder
 from .master_watch import MasterWatch
+from .rospy_patches import accept_in_threads, find_publishers, send_directly
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 HELP_OPTIONS = {"-h", "--help"}

@@ -1,6 +1,6 @@
 """Models of cameras: lens, intrinsics, image effects, and the sensor that delivers frames."""
 
-from aras_visual_servo_base.lazy import lazy_exports
+from aras_visual_servo_base.lazy_imports import lazy_exports
 
 _PLACES = {
     "CameraConfig": ".config", "CameraIntrinsics": ".intrinsics", "CameraSensor": ".sensor",

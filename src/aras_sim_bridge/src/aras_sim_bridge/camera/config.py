@@ -25,7 +25,6 @@ from ..description import CameraDescription, DepthDescription
 from ..errors import CameraError
 from .calibration_loader import apply_calibration
 from .effects import Effects
-from .formats import find_encoding
 from .intrinsics import CameraIntrinsics, RenderProjection, camera_matrix, projection_matrix
 from .lens import (
     COEFFICIENTS,
@@ -36,6 +35,7 @@ from .lens import (
     check_fisheye,
 )
 from .lens import fit_fisheye as ideal_coefficients
+from .pixel_formats import find_encoding
 from .shutter import compute_duration
 from .vibration import Shake
 
@@ -49,7 +49,7 @@ FloatTriple = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class MatrixEntry:
+class CameraMatrixEntry:
     """Camera matrix in a settings file: focal lengths and principal point, px."""
 
     fx: float
@@ -370,7 +370,7 @@ class CameraConfig:
         """
         matrix = values.get("camera_matrix")
         if isinstance(matrix, Mapping):
-            given = build(MatrixEntry, matrix, f"{where}camera_matrix", CameraError)
+            given = build(CameraMatrixEntry, matrix, f"{where}camera_matrix", CameraError)
             values = {**values, "camera_matrix": (given.fx, given.fy, given.cx, given.cy)}
         return convert_fields(cls, values, where, CameraError)
 

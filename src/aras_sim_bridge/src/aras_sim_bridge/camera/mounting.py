@@ -20,7 +20,7 @@ from aras_sim_bridge.camera.config import FloatTriple, derive_seed
 from aras_sim_bridge.description import CameraDescription
 from aras_sim_bridge.errors import CameraError, RenderingError, SimError
 from aras_sim_bridge.world import Model, Pose
-from aras_visual_servo_base.hand_eye import read_hand_eye
+from aras_visual_servo_base.hand_eye_files import read_hand_eye
 from aras_visual_servo_base.poses import LENGTH_UNITS, inverse, optical_pose
 from aras_visual_servo_base.setting_values import merge
 from aras_visual_servo_base.settings import build, convert, parameter

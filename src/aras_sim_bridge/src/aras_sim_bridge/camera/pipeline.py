@@ -14,7 +14,7 @@ from .effects import EffectChain, Effects
 from .shutter import RowBand
 
 
-class ExposureMean:
+class ExposureAccumulator:
     """Mean of the partial exposures of one image.
 
     A partial exposure is a band of rows, rendered for one instant of the exposure time.
@@ -71,7 +71,7 @@ class ImagePipeline:
         self.parts = tuple(parts)
         self.middle_part = min(range(len(self.parts)), key=lambda n: (
             abs(self.parts[n].offset_ns), -n))  # fmt: skip
-        self.exposure = ExposureMean(self.parts, shape[0])
+        self.exposure = ExposureAccumulator(self.parts, shape[0])
         self._auto_exposure, self._factor = effects.auto_exposure, 1.0
         self._chain = EffectChain(effects, shape, seed)
         self.is_lost = self._chain.is_lost

@@ -15,7 +15,7 @@ from ..errors import CameraError, RenderingError
 from ..pose_interpolation import blend_pose
 from ..rendering import View
 from ..rendering.tiles import Tiles, get_shared_tiles
-from . import formats
+from . import pixel_formats
 from .config import CameraConfig
 from .intrinsics import CameraIntrinsics
 from .pipeline import ImagePipeline
@@ -85,7 +85,7 @@ class CameraSensor:
         self.config = config
         self.renderer = renderer
         self.info: CameraIntrinsics = config.make_intrinsics()
-        self._is_grey = formats.is_grey(config.encoding)
+        self._is_grey = pixel_formats.is_grey(config.encoding)
         self._link_T_optical = mounting_pose(config.xyz, config.rpy)
         self._parts = make_row_bands(config.effects, config.height)
         try:
@@ -96,7 +96,7 @@ class CameraSensor:
         except (RenderingError, MemoryError) as error:
             reason = str(error) or "not enough memory; make width and height smaller"
             raise CameraError(f"camera '{config.name}': {reason}") from None
-        shape = formats.find_shape(config.encoding, config.height, config.width)
+        shape = pixel_formats.find_shape(config.encoding, config.height, config.width)
         self._pipeline = ImagePipeline(config.effects, shape, config.seed, self._parts)
         self.vibration = None if config.shake is None else Vibration(config.shake, config.seed)
         self._rate = config.update_rate
@@ -320,11 +320,11 @@ class CameraSensor:
         image = self._pipeline.exposure.take()
         self._warn_if_blind(image, pose @ self._link_T_optical)
         encoding = self.config.encoding
-        light = image if self._is_grey else formats.read_out(image, encoding)
+        light = image if self._is_grey else pixel_formats.read_out(image, encoding)
         image = self._pipeline.read_out(light, stamp)
         depth, segmentation = self._depth_and_labels or (None, None)
         self._depth_and_labels = None
-        frame = CameraReading(stamp, formats.widen(image, encoding), encoding,
+        frame = CameraReading(stamp, pixel_formats.widen(image, encoding), encoding,
                       depth if self.depth else None,
                       segmentation if self.segmentation else None)
         self._pending_frames.append((stamp + self._latency_ns, frame))

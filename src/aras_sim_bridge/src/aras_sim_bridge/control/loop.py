@@ -6,7 +6,7 @@ from math import inf, nan
 import numpy as np
 
 from aras_sim_bridge.control.controllers.base import Controller
-from aras_sim_bridge.control.controllers.joint_loops import LOOP_COLUMNS, set_loop_commands
+from aras_sim_bridge.control.controllers.joint_control_loop import LOOP_COLUMNS, set_loop_commands
 from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.control.manager import ControllerManager
 from aras_sim_bridge.control.switching import LoadedController

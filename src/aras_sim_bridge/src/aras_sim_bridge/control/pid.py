@@ -40,7 +40,7 @@ log = logging.getLogger(__name__)
 KEYS = ("p", "i", "d", "i_clamp", "i_clamp_min", "i_clamp_max", "antiwindup", "publish_state")
 
 
-class Gains(NamedTuple):
+class PidGains(NamedTuple):
     """Gains of a PID; `i_max` and `i_min` limit the integral term, not the integral itself."""
 
     p: float
@@ -101,8 +101,8 @@ class Pid:
         self.publish_state = False
         self.on_state: Callable[[PidState], None] | None = None
         self.row = np.zeros(PID_COLUMNS)
-        self.set_gains(Gains(p, i, d, i_max, i_min, antiwindup))
-        self._active_gains: Gains | None = None
+        self.set_gains(PidGains(p, i, d, i_max, i_min, antiwindup))
+        self._active_gains: PidGains | None = None
         self.apply_gains()
 
     @classmethod
@@ -140,13 +140,13 @@ class Pid:
         pid.publish_state = given("publish_state", bool, default=False)
         return pid
 
-    def set_gains(self, gains: Gains) -> None:
+    def set_gains(self, gains: PidGains) -> None:
         """Set gains for the following computations; the integral is unchanged.
 
         Raises:
             ControllerError: a gain is not finite, or i_min > i_max.
         """
-        for field, value in zip(Gains._fields[:5], gains, strict=False):
+        for field, value in zip(PidGains._fields[:5], gains, strict=False):
             if not isfinite(value):
                 raise ControllerError(f"PID gain {field} must be finite, got {value}")
         if gains.i_min > gains.i_max:
@@ -154,7 +154,7 @@ class Pid:
                 f"PID: i_clamp_min {gains.i_min} exceeds i_clamp_max {gains.i_max}; lower it or "
                 "raise i_clamp_max"
             )
-        self.gains = Gains(*map(float, gains[:5]), bool(gains.antiwindup))
+        self.gains = PidGains(*map(float, gains[:5]), bool(gains.antiwindup))
         self.has_new_gains = True
 
     def apply_gains(self) -> None:

@@ -6,7 +6,7 @@ This package depends on neither ROS nor Bullet.
     robot.joints["J1"].limits.effort
 """
 
-from aras_visual_servo_base.lazy import lazy_exports
+from aras_visual_servo_base.lazy_imports import lazy_exports
 
 _TYPES = (
     "CameraDescription",
@@ -17,7 +17,7 @@ _TYPES = (
     "DepthDescription",
     "Geometry",
     "GripperDescription",
-    "GraspDescription",
+    "GraspFixPlugin",
     "Inertial",
     "LensDescription",
     "Light",

@@ -12,13 +12,13 @@ from aras_sim_bridge.description import (
     sensor_tags,
     supported_elements,
 )
-from aras_sim_bridge.description.geometry import Resolve, read_bounce
+from aras_sim_bridge.description.geometry_tags import Resolve, read_bounce
 from aras_sim_bridge.description.kinematic_tree import JointInModel, find_links_between
 from aras_sim_bridge.description.sdf_dialects import unify
 from aras_sim_bridge.description.types import (
     CameraDescription,
     ControlPlugin,
-    GraspDescription,
+    GraspFixPlugin,
     Link,
     Rgba,
     SensorDescription,
@@ -50,7 +50,7 @@ class GazeboTags:
     control_plugins: tuple[ControlPlugin, ...] = ()
     cameras: tuple[CameraDescription, ...] = ()
     sensors: tuple[SensorDescription, ...] = ()
-    grasps: tuple[GraspDescription, ...] = ()
+    grasps: tuple[GraspFixPlugin, ...] = ()
     colours: dict[str, Rgba] = field(default_factory=dict)
     static: bool = False
     added_links: dict[str, Link] = field(default_factory=dict)
@@ -72,7 +72,7 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
         DescriptionError: a supported tag has an invalid value.
     """
     tags = GazeboTags(dict(links), dict(joints), poses=dict(poses))
-    found: list[ControlPlugin | SensorDescription | GraspDescription] = []
+    found: list[ControlPlugin | SensorDescription | GraspFixPlugin] = []
     cameras: list[CameraDescription] = []
     sensors: list[SensorDescription] = []
     force_torque_tags: dict[str, Element] = {}
@@ -84,7 +84,7 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
         if reference is None:
             tags.static = parse_bool(find_text(block, "static"), "<gazebo>: static", tags.static)
             found += plugins.read(
-                block, "<gazebo>", (ControlPlugin, SensorDescription, GraspDescription), warnings,
+                block, "<gazebo>", (ControlPlugin, SensorDescription, GraspFixPlugin), warnings,
                 [joint.name for joint in joints.values() if joint.mimic is not None])
             ignored += supported_elements.find_ignored_elements(block, "gazebo", where)
             for node in block.findall("link"):
@@ -135,7 +135,7 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
     )
     tags.cameras, tags.sensors = tuple(cameras), tuple(sensors)
     tags.grasps = tuple(grasp_tags.check_grasps(
-        [one for one in found if isinstance(one, GraspDescription)], tags.links, warnings))
+        [one for one in found if isinstance(one, GraspFixPlugin)], tags.links, warnings))
     return tags
 
 

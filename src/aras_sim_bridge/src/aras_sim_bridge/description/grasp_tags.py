@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description.types import GraspDescription, GripperDescription, Link
+from aras_sim_bridge.description.types import GraspFixPlugin, GripperDescription, Link
 from aras_visual_servo_base.safe_xml import (
     find_text,
     parse_bool,
@@ -19,7 +19,7 @@ from aras_visual_servo_base.safe_xml import (
 _WHERE = "plugin gazebo_grasp_fix"
 
 
-def read(plugin: Element) -> GraspDescription:
+def read(plugin: Element) -> GraspFixPlugin:
     """Read the plug-in's elements; a missing element gets its default in gazebo_grasp_fix.
 
     Raises:
@@ -29,7 +29,7 @@ def read(plugin: Element) -> GraspDescription:
         return parse_number(find_text(plugin, tag), f"{_WHERE}: {tag}", default)
 
     most = parse_integer(find_text(plugin, "max_grip_count"), f"{_WHERE}: max_grip_count", 10)
-    return GraspDescription(
+    return GraspFixPlugin(
         arms=tuple(_read_arm(arm) for arm in plugin.findall("arm")),
         angle=math.radians(read_value("forces_angle_tolerance", 120.0)),
         rate=read_value("update_rate", 5.0),
@@ -49,8 +49,8 @@ def _read_arm(arm: Element) -> GripperDescription:
     )
 
 
-def check_grasps(grasps: list[GraspDescription], links: Mapping[str, Link], warnings: list[str]
-             ) -> list[GraspDescription]:
+def check_grasps(grasps: list[GraspFixPlugin], links: Mapping[str, Link], warnings: list[str]
+             ) -> list[GraspFixPlugin]:
     """Return the plug-ins that have valid settings and at least one valid arm.
 
     Invalid arms are removed from the others. A warning names each plug-in and each arm that is left

@@ -11,8 +11,8 @@ from aras_sim_bridge.description.types import (
     CameraPlugin,
     ControlPlugin,
     DepthDescription,
-    GraspDescription,
-    LinkAttacher,
+    GraspFixPlugin,
+    LinkAttacherPlugin,
     SensorDescription,
 )
 from aras_sim_bridge.errors import DescriptionError
@@ -26,7 +26,7 @@ from aras_visual_servo_base.safe_xml import (
 )
 from aras_visual_servo_base.urdf import ZERO
 
-Plugin = ControlPlugin | CameraPlugin | SensorDescription | GraspDescription | LinkAttacher
+Plugin = ControlPlugin | CameraPlugin | SensorDescription | GraspFixPlugin | LinkAttacherPlugin
 Kind = TypeVar("Kind", bound=Plugin)
 
 
@@ -216,15 +216,15 @@ def _read_joint_states(plugin: Element, where: str) -> SensorDescription:
         joints=tuple(name for name in names if name))
 
 
-def _read_grasp(plugin: Element, _where: str) -> GraspDescription:
+def _read_grasp(plugin: Element, _where: str) -> GraspFixPlugin:
     # imported late, because few robots have this plug-in
     from aras_sim_bridge.description import grasp_tags
 
     return grasp_tags.read(plugin)
 
 
-def _read_link_attacher(_plugin: Element, _where: str) -> LinkAttacher:
-    return LinkAttacher()
+def _read_link_attacher(_plugin: Element, _where: str) -> LinkAttacherPlugin:
+    return LinkAttacherPlugin()
 
 
 PLUGINS: Mapping[str, Callable[[Element, str], Plugin]] = MappingProxyType({

@@ -13,19 +13,19 @@ from dataclasses import dataclass, replace
 from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description import (
-    model_folders,
     packages,
     plugins,
     population,
+    sdf_includes,
     supported_elements,
     world_joints,
 )
 from aras_sim_bridge.description.lights import read_light
 from aras_sim_bridge.description.sdf_dialects import unify
-from aras_sim_bridge.description.sdf_frames import Frames
+from aras_sim_bridge.description.sdf_frames import SdfFrames
 from aras_sim_bridge.description.sdf_model import read_model
 from aras_sim_bridge.description.sdf_poses import read_name, read_pose
-from aras_sim_bridge.description.types import Light, LinkAttacher, RobotDescription
+from aras_sim_bridge.description.types import Light, LinkAttacherPlugin, RobotDescription
 from aras_sim_bridge.description.world_state import WorldState
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base import safe_xml
@@ -82,7 +82,7 @@ def read_sdf(
 ) -> SdfContent:
     """Read all models and lights of an SDF text, which may be inside a `<world>`.
 
-    Included models are searched for in Gazebo's model folders (see model_folders.py). A world's
+    Included models are searched for in Gazebo's model folders (see sdf_includes.py). A world's
     `<state>` overrides the poses of its models and lights.
 
     Raises:
@@ -108,19 +108,19 @@ def read_sdf(
     models, lights = [], []
     warnings: list[str] = []
     unify(root, warnings)
-    link_attacher = bool(plugins.read(scope, "world", (LinkAttacher,), warnings))
+    link_attacher = bool(plugins.read(scope, "world", (LinkAttacherPlugin,), warnings))
     state = WorldState(scope.find("state"))
     inserted = Element("insertions")
     inserted.extend(state.insertions)
-    elements = [*model_folders.expand(scope, warnings, base_directory),
-                *model_folders.expand(inserted, warnings, base_directory)]
+    elements = [*sdf_includes.expand(scope, warnings, base_directory),
+                *sdf_includes.expand(inserted, warnings, base_directory)]
     elements = [one for element in elements for one in (
         population.place_copies(element, warnings) if element.tag == "population" else (element,))]
     elements = world_joints.bolt_models(elements, warnings)
     expanded = Element(scope.tag)
     expanded.extend(elements)
     warnings += supported_elements.describe_ignored_elements(expanded, "world", "SDF")
-    frames = Frames(expanded)
+    frames = SdfFrames(expanded)
     warnings += frames.list_errors()
     used_names: set[tuple[str, str | None]] = set()
     for element in elements:

@@ -82,7 +82,7 @@ def _unify_pose(pose: Element, where: str, warnings: list[str]) -> None:
             texts[3:] = [repr(math.radians(parse_number(word, where))) for word in texts[3:]]
             del pose.attrib["degrees"]
         elif len(texts) == 6:
-            from aras_sim_bridge.description.units import describe_angles_in_degrees
+            from aras_sim_bridge.description.angle_unit_check import describe_angles_in_degrees
 
             angles = [parse_number(word, where) for word in texts[3:]]
             warnings += describe_angles_in_degrees(angles, f"{where}: roll pitch yaw")

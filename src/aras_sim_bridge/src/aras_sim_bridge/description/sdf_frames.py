@@ -21,7 +21,7 @@ WORLD_FRAME = "world"
 _INSIDE_LINK = ("inertial", "visual", "collision", "sensor", "light")
 
 
-class Frames(Mapping[str, Pose]):
+class SdfFrames(Mapping[str, Pose]):
     """Poses of a model's or world's frames by name, relative to the model or world.
 
     The order of the frames in the file does not matter. Looking up a frame that does not exist, or
@@ -140,7 +140,7 @@ def resolve_poses(model: Element, warnings: list[str]) -> None:
     not exist is unchanged; the reader of its element reports the error. Call this function for the
     nested models first.
     """
-    frames = Frames(model)
+    frames = SdfFrames(model)
     where = f"model '{shorten(model.get('name') or '')}'"
     warnings += (f"{where}: {text}" for text in frames.list_errors())
     frame_poses = {name: frames[name] for name in frames if has_pose(frames, name)}
@@ -169,7 +169,7 @@ def resolve_poses(model: Element, warnings: list[str]) -> None:
         _set_pose(model, _read_pose(model) @ frame_poses[placement].inverse(), _read_frame(model))
 
 
-def has_pose(frames: Frames, name: str) -> bool:
+def has_pose(frames: SdfFrames, name: str) -> bool:
     """Return whether a frame has a valid pose, without raising an error if it has none."""
     try:
         return name in frames
@@ -177,7 +177,7 @@ def has_pose(frames: Frames, name: str) -> bool:
         return False
 
 
-def _resolve_joint(joint: Element, at: Pose, frames: Frames, frame_poses: Mapping[str, Pose],
+def _resolve_joint(joint: Element, at: Pose, frames: SdfFrames, frame_poses: Mapping[str, Pose],
                    links: Mapping[str, str]) -> None:
     child, moved = find_text(joint, "child") or "", bool(_read_frame(joint))
     for end in (joint.find("parent"), joint.find("child")):

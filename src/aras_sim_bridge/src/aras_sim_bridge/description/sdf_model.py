@@ -17,7 +17,8 @@ from aras_sim_bridge.description import (
     sensor_tags,
     supported_elements,
 )
-from aras_sim_bridge.description.geometry import Resolve, read_bounce, read_sdf_geometry
+from aras_sim_bridge.description.angle_unit_check import describe_limits_in_degrees
+from aras_sim_bridge.description.geometry_tags import Resolve, read_bounce, read_sdf_geometry
 from aras_sim_bridge.description.inertia import make_inertial
 from aras_sim_bridge.description.kinematic_tree import (
     WORLD,
@@ -32,14 +33,13 @@ from aras_sim_bridge.description.sdf_poses import read_name, read_pose
 from aras_sim_bridge.description.types import (
     CameraDescription,
     Collision,
-    GraspDescription,
+    GraspFixPlugin,
     Link,
     Rgba,
     RobotDescription,
     SensorDescription,
     Visual,
 )
-from aras_sim_bridge.description.units import describe_limits_in_degrees
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.poses import IDENTITY, Pose, Vector3
 from aras_visual_servo_base.safe_xml import find_text, parse_bool, parse_number, shorten
@@ -64,7 +64,7 @@ def read_model(element: Element, resolve: Resolve, locate: Locate, frames: Mappi
     name = read_name(element, "SDF")
     where = f"model '{name}'"
     warnings: list[str] = []
-    read_plugins = plugins.read(element, "SDF", (SensorDescription, GraspDescription), warnings)
+    read_plugins = plugins.read(element, "SDF", (SensorDescription, GraspFixPlugin), warnings)
     plugin_sensors = [one for one in read_plugins if isinstance(one, SensorDescription)]
     warnings += supported_elements.describe_ignored_elements(element, "model", where)
     static = parse_bool(find_text(element, "static"), f"{where}: static", False)
@@ -123,7 +123,7 @@ def read_model(element: Element, resolve: Resolve, locate: Locate, frames: Mappi
         name=name, root=main.root, links={}, joints={}, cameras=tuple(cameras),
         sensors=tuple(sensors), colours=MappingProxyType(colours), static=static,
         grasps=tuple(grasp_tags.check_grasps(
-            [one for one in read_plugins if isinstance(one, GraspDescription)],
+            [one for one in read_plugins if isinstance(one, GraspFixPlugin)],
             main.links, warnings)),
         initial_pose=(pose.xyz, pose.rpy))
     return split_model(whole, trees, poses, where, warnings)

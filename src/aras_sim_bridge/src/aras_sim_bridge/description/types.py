@@ -300,7 +300,7 @@ class GripperDescription:
 
 
 @dataclass(frozen=True)
-class GraspDescription:
+class GraspFixPlugin:
     """Settings of libgazebo_grasp_fix.so.
 
     Attributes:
@@ -323,7 +323,7 @@ class GraspDescription:
 
 
 @dataclass(frozen=True)
-class LinkAttacher:
+class LinkAttacherPlugin:
     """The world plug-in libgazebo_ros_link_attacher.so."""
 
 
@@ -427,7 +427,7 @@ class RobotDescription:
     control_plugins: tuple[ControlPlugin, ...] = ()
     cameras: tuple[CameraDescription, ...] = ()
     sensors: tuple[SensorDescription, ...] = ()
-    grasps: tuple[GraspDescription, ...] = ()
+    grasps: tuple[GraspFixPlugin, ...] = ()
     colours: Mapping[str, Rgba] = field(default_factory=lambda: MappingProxyType({}))
     static: bool = False
     warnings: tuple[str, ...] = ()

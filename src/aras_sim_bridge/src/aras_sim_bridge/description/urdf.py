@@ -5,7 +5,11 @@ from types import MappingProxyType
 from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description import gazebo_tags, packages, supported_elements
-from aras_sim_bridge.description.geometry import Resolve, read_urdf_geometry
+from aras_sim_bridge.description.angle_unit_check import (
+    describe_angles_in_degrees,
+    describe_limits_in_degrees,
+)
+from aras_sim_bridge.description.geometry_tags import Resolve, read_urdf_geometry
 from aras_sim_bridge.description.inertia import make_inertial
 from aras_sim_bridge.description.kinematic_tree import WORLD, JointInModel, assemble
 from aras_sim_bridge.description.sdf_joints import NO_LIMIT
@@ -17,7 +21,6 @@ from aras_sim_bridge.description.types import (
     Transmission,
     Visual,
 )
-from aras_sim_bridge.description.units import describe_angles_in_degrees, describe_limits_in_degrees
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.poses import Pose, quaternion_from_z_to, rotate

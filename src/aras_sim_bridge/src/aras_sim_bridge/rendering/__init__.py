@@ -10,9 +10,9 @@ An image is rendered in these steps:
 3. In tiles with several triangles, the nearest triangle at each pixel corner is found
    (pixel_visibility.py).
 4. A pixel contains an edge if its corners show different surfaces, or if a surface of another
-   colour reaches into it (edge_detection.py). The colour of such a pixel is computed from the exact
-   areas that its triangles cover (edges.py, polygon_areas.py, dense_coverage.py). All other pixels
-   are shaded at a corner (shading.py).
+   colour reaches into it (triangle_edge_pixels.py). The colour of such a pixel is computed from the
+   exact areas that its triangles cover (visible_areas.py, polygon_areas.py, dense_coverage.py). All
+   other pixels are shaded at a corner (shading.py).
 5. Depth and segmentation are measured at the pixel centres (depth_and_labels.py).
 
 The renderer runs on the CPU and needs no graphics driver. tests/benchmarks/render.py measures its
@@ -25,7 +25,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from aras_visual_servo_base.lazy import lazy_exports
+from aras_visual_servo_base.lazy_imports import lazy_exports
 
 from ..description.types import SHADOWS
 from ..errors import RenderingError

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from .binning import VisibleTriangles
-from .edges import resolve_fragments
 from .pixel_visibility import PixelSamples
 from .tiles import Tiles
 from .triangles import Triangles
+from .visible_areas import resolve_fragments
 
 
 @dataclass
@@ -33,7 +33,7 @@ class Fragments:
     at: np.ndarray
 
 
-class EdgeResolver:
+class FragmentBuilder:
     """Computes the fragments of images that have the same tiles."""
 
     def __init__(self, tiles: Tiles) -> None:

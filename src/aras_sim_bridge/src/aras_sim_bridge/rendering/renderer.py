@@ -14,15 +14,15 @@ from aras_visual_servo_base.memory import ByteLimitedCache
 from ..errors import RenderingError
 from .binning import TileBinning, VisibleTriangles
 from .depth_and_labels import measure
-from .edge_detection import find_edges
-from .fragments import EdgeResolver, Fragments
+from .fragments import FragmentBuilder, Fragments
 from .lamps import pack_lights
 from .pixel_visibility import PixelSampler, PixelSamples
 from .scene import Scene
 from .shading import Shader, pack_colour
-from .shadows import NO_IRRADIANCE, Illumination, Irradiance
+from .shadows import NO_IRRADIANCE, Irradiance, IrradianceSolver
 from .sky import MIDDLE, NO_SKY, draw_sky
 from .tiles import Tiles
+from .triangle_edge_pixels import find_edges
 from .triangles import Triangles
 from .view import Lighting, View
 
@@ -41,7 +41,7 @@ class _Canvas:
         self.sampler, self.shader, self.edge_resolver = (
             PixelSampler(tiles),
             Shader(tiles),
-            EdgeResolver(tiles),
+            FragmentBuilder(tiles),
         )
         self.nbytes = tiles.nbytes + 8 * tiles.valid.size
 
@@ -83,7 +83,7 @@ class Renderer:
         self._canvases: ByteLimitedCache[Hashable, _Canvas] = ByteLimitedCache(cache_bytes)
         self.triangles: Triangles | None = None
         self._binning: TileBinning | None = None
-        self._illumination: Illumination | None = None
+        self._illumination: IrradianceSolver | None = None
         self._scene_version = -1
         self._closed = False
 
@@ -183,7 +183,7 @@ class Renderer:
             self._scene_version = self.scene.version
             self.triangles = Triangles.from_visuals(self.scene.visuals)
             self._binning = TileBinning(self.triangles)
-            self._illumination = Illumination(self.triangles)
+            self._illumination = IrradianceSolver(self.triangles)
         canvas = self._get_canvas(view)
         world_T_link = self.scene.interpolate_poses(blend)
         light, optical_T_link = self.light, view.optical_T_world @ world_T_link

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from aras_sim_bridge.description import shapes
+from aras_sim_bridge.description import shape_meshes
 from aras_sim_bridge.description.gazebo_materials import WHITE
 from aras_sim_bridge.description.types import Link, Rgba
 from aras_sim_bridge.errors import DescriptionError
@@ -169,7 +169,7 @@ class Scene:
         parts = []
         for visual in link.visuals:
             try:
-                meshes = shapes.make_meshes(visual.geometry)
+                meshes = shape_meshes.make_meshes(visual.geometry)
             except DescriptionError as error:  # draw the scene without this visual
                 if str(error) not in self._reported_errors:
                     _log.warning("%s is not drawn: %s", self._names[row], error)

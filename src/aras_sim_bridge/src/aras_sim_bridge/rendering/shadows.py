@@ -69,7 +69,7 @@ SPREAD = _make_spread()
 RIM = np.stack([np.cos(np.arange(8) * np.pi / 4), np.sin(np.arange(8) * np.pi / 4)], axis=1)
 
 
-class Illumination:
+class IrradianceSolver:
     """Computes the light of lamps on the triangles of a scene."""
 
     def __init__(self, triangles: Triangles) -> None:

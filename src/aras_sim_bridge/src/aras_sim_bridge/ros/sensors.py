@@ -12,7 +12,7 @@ from roslib.message import get_message_class
 
 from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.ros.camera.info import add_prefix
-from aras_sim_bridge.ros.control.state_topic import StateTopic
+from aras_sim_bridge.ros.control.state_publisher import StatePublisher
 from aras_sim_bridge.ros.conversions import to_pose, to_time, to_twist
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.sensors import (
@@ -88,7 +88,7 @@ MESSAGES: dict[str, tuple[str, Callable[[Message, object, PeriodicSensor], None]
 }
 
 
-class SensorTopic(StateTopic):
+class SensorTopic(StatePublisher):
     """Topic of one sensor; the sensor measures only while the topic has subscribers."""
 
     def __init__(self, sensor: PeriodicSensor, thread: SimulationThread) -> None:

@@ -1,6 +1,6 @@
 """The physics world. Only this package calls the dynamics of Bullet."""
 
-from aras_visual_servo_base.lazy import lazy_exports
+from aras_visual_servo_base.lazy_imports import lazy_exports
 
 _PLACES = {
     "GraspFix": ".grasping", "Model": ".model", "World": ".world",

@@ -16,7 +16,7 @@ from dataclasses import replace
 from functools import lru_cache
 from xml.sax.saxutils import quoteattr
 
-from aras_sim_bridge.description import shapes
+from aras_sim_bridge.description import shape_meshes
 from aras_sim_bridge.description.gazebo_materials import WHITE
 from aras_sim_bridge.description.inertia import principal_axes
 from aras_sim_bridge.description.types import (
@@ -162,7 +162,7 @@ class BulletFiles:
     def write_plane(self, geometry: Geometry) -> str:
         """Write a mesh that shows a plane, because Bullet does not draw planes; return its path."""
         path = self._make_file("stl")
-        write_stl(shapes.make_meshes(geometry), path)
+        write_stl(shape_meshes.make_meshes(geometry), path)
         return path
 
     def _make_file(self, kind: str) -> str:
@@ -188,7 +188,7 @@ def _format_link(link: Link, concave: bool, colour: Rgba | None, files: BulletFi
         pose, moments = find_principal_frame(link.inertial)
         mass = link.inertial.mass
     # Bullet sets principal moments that violate the triangle inequality to zero. Therefore load
-    # moments that fulfil it; body.py sets the true ones afterwards.
+    # moments that fulfil it; bullet_body.py sets the true ones afterwards.
     largest = max(moments)
     ixx, iyy, izz = moments if 2.0 * largest <= sum(moments) else (largest,) * 3
     body = (

@@ -4,8 +4,8 @@ import math
 from collections.abc import Iterator
 
 from aras_sim_bridge.description.types import LoopJoint
-from aras_sim_bridge.world.body import Body
 from aras_sim_bridge.world.bullet import pybullet
+from aras_sim_bridge.world.bullet_body import BulletBody
 from aras_visual_servo_base.poses import Pose, Vector3, scale
 
 # Largest force of a constraint that closes a kinematic loop, N: large enough that the constraint
@@ -16,7 +16,7 @@ _LARGEST_FORCE = 1e12
 _SMALLEST_LENGTH = 1e-3
 
 
-def close_loop(body: Body, loop: LoopJoint) -> list[int]:
+def close_loop(body: BulletBody, loop: LoopJoint) -> list[int]:
     """Connect the two links of a loop-closing joint by constraints; return Bullet's ids of them.
 
     A revolute joint becomes two constraints. Each of them makes a point on the joint axis of one

@@ -30,18 +30,20 @@ _DEFAULT_GROUP, _STATIC_GROUP, _ALL = 1, 2, -1
 _OWN_GROUPS = tuple(1 << bit for bit in range(6, 30))
 
 
-class Box(NamedTuple):
+class BoundingBox(NamedTuple):
     """An axis-aligned box in the world: its lowest and highest corner, m."""
 
     low: Vector3
     high: Vector3
 
-    def grow(self, margin: float) -> "Box":
+    def grow(self, margin: float) -> "BoundingBox":
         """Return the box enlarged by `margin` on every side."""
         (a, b, c), (d, e, f) = self
-        return Box((a - margin, b - margin, c - margin), (d + margin, e + margin, f + margin))
+        return BoundingBox(
+            (a - margin, b - margin, c - margin), (d + margin, e + margin, f + margin)
+        )
 
-    def gap(self, other: "Box") -> float:
+    def gap(self, other: "BoundingBox") -> float:
         """Return the largest of the distances between two boxes along x, y and z, m.
 
         A distance is negative if the boxes overlap along this axis.
@@ -55,7 +57,7 @@ class HalfSpace(NamedTuple):
     point: Vector3
     normal: Vector3
 
-    def gap(self, box: Box) -> float:
+    def gap(self, box: BoundingBox) -> float:
         """Return the height (m) of a box's lowest corner above the plane; negative if below."""
         corner = (low if n > 0.0 else high
                   for low, high, n in zip(*box, self.normal, strict=True))
@@ -99,12 +101,12 @@ def _disable_own_contacts(part: Model) -> None:
                                                 physicsClientId=part.client)
 
 
-def find_solids(model: Model, links: Collection[int]) -> list[Box | HalfSpace]:
+def find_solids(model: Model, links: Collection[int]) -> list[BoundingBox | HalfSpace]:
     """Return a box for the collision shapes of each link, or half-spaces for planes.
 
     `links` are Bullet's link indices.
     """
-    found: list[Box | HalfSpace] = []
+    found: list[BoundingBox | HalfSpace] = []
     body = model.body_id
     for name, index in model.link_indices.items():
         if index not in links:
@@ -115,22 +117,22 @@ def find_solids(model: Model, links: Collection[int]) -> list[Box | HalfSpace]:
             pose = model.link_pose(name) @ plane.pose
             found.append(HalfSpace(pose.xyz, rotate(pose.quat, plane.geometry.normal)))
         if len(planes) < len(collisions):
-            found.append(Box(*pybullet.getAABB(body, index, model.client)))
+            found.append(BoundingBox(*pybullet.getAABB(body, index, model.client)))
     return found
 
 
-def compute_reach(model: Model) -> dict[str, Box]:
+def compute_reach(model: Model) -> dict[str, BoundingBox]:
     """Return, for each link except the root, a box that the link's shapes never leave."""
     description = model.description
     children: dict[str, list[Joint]] = {}
     for joint in description.joints.values():
         children.setdefault(joint.parent, []).append(joint)
-    boxes: dict[str, Box] = {}
+    boxes: dict[str, BoundingBox] = {}
     # Links still to be visited. An entry contains a link, the box of all positions of the link's
     # origin, and the link's orientation, which is None if a joint can rotate the link.
     root = model.pose()
-    pending: list[tuple[str, Box, Quaternion | None]] = [
-        (description.root, Box(root.xyz, root.xyz), root.quat)
+    pending: list[tuple[str, BoundingBox, Quaternion | None]] = [
+        (description.root, BoundingBox(root.xyz, root.xyz), root.quat)
     ]
     while pending:
         link, origins, quat = pending.pop()
@@ -145,9 +147,9 @@ def compute_reach(model: Model) -> dict[str, Box]:
             offset = rotate(quat, joint.origin_xyz)
             below = multiply(quat, joint.pose.quat)
             ends = [add(offset, rotate(below, scale(joint.axis, q))) for q in (lower, upper)]
-            moved = Box(*(tuple(v + pick(e) for v, e in zip(corner, zip(*ends, strict=True),
-                                                            strict=True))
-                          for corner, pick in zip(origins, (min, max), strict=True)))
+            moved = BoundingBox(*(tuple(v + pick(e) for v, e in zip(corner, zip(*ends, strict=True),
+                                                                    strict=True))
+                                  for corner, pick in zip(origins, (min, max), strict=True)))
             turns = joint.kind in ("revolute", "continuous")
             pending.append((joint.child, moved, None if turns else below))
     return boxes
@@ -168,12 +170,12 @@ def _compute_extent(model: Model, link: str) -> float:
     return math.hypot(*(max(o - a, b - o) for o, a, b in zip(origin, low, high, strict=True)))
 
 
-def _can_meet_root(box: Box, other: Model) -> bool:
+def _can_meet_root(box: BoundingBox, other: Model) -> bool:
     """Return whether an object in `box` may touch the root link of a fixed-base model."""
     return any(solid.gap(box) <= 0.0 for solid in find_solids(other, (-1,)))
 
 
-def can_meet(boxes: Iterable[Box], other: Model) -> bool:
+def can_meet(boxes: Iterable[BoundingBox], other: Model) -> bool:
     """Return whether an object in these boxes may ever touch any link of a fixed-base model."""
     found = [*find_solids(other, (-1,)), *compute_reach(other).values()]
     return any(solid.gap(box) <= 0.0 for box in boxes for solid in found)

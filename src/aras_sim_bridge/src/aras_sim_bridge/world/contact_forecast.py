@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 from aras_sim_bridge.world.collision_filters import (
     MARGIN,
-    Box,
+    BoundingBox,
     HalfSpace,
     can_meet,
     compute_reach,
@@ -53,21 +53,21 @@ class IsolatedModel:
     """
 
     model: Model
-    reach: tuple[Box, ...]
+    reach: tuple[BoundingBox, ...]
     links: frozenset[int]
     nearby_models: tuple[Model, ...]
 
-    def compute_boxes_and_speed(self) -> tuple[list[Box], float]:
+    def compute_boxes_and_speed(self) -> tuple[list[BoundingBox], float]:
         """Return the boxes of the moving links, and an upper bound of their speed, m/s."""
         boxes = find_solids(self.model, self.links)
         root = self.model.pose().xyz
-        corners = [(*low, *high) for low, high in (*boxes, Box(root, root))]
+        corners = [(*low, *high) for low, high in (*boxes, BoundingBox(root, root))]
         extent = math.dist(*(tuple(map(pick, zip(*corners, strict=True)))[part]
                              for pick, part in ((min, slice(0, 3)), (max, slice(3, 6)))))
         return boxes, sum(map(abs, self.model.read_joints()[1])) * max(1.0, extent)
 
     def compute_isolated_steps(
-        self, loose: list[list[Box | HalfSpace]], fastest: float, dt: float
+        self, loose: list[list[BoundingBox | HalfSpace]], fastest: float, dt: float
     ) -> float:
         """Return the number of steps of `dt` s in which no body can touch the moving links.
 
@@ -178,8 +178,9 @@ def _compute_speed(model: Model) -> float:
     return math.hypot(*twist.linear) + math.hypot(*twist.angular)
 
 
-def _compute_steps(boxes: Iterable[Box], solids: Iterable[Box | HalfSpace], speed: float,
-           dt: float) -> float:
+def _compute_steps(
+    boxes: Iterable[BoundingBox], solids: Iterable[BoundingBox | HalfSpace], speed: float, dt: float
+) -> float:
     """Return the number of steps of `dt` s after which a box may touch one of the `solids`.
 
     `speed` (m/s) is the speed at which they approach each other.

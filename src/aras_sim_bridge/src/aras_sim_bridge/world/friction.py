@@ -12,8 +12,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from aras_sim_bridge.world.body import DEFAULT_FRICTION
 from aras_sim_bridge.world.bullet import pybullet
+from aras_sim_bridge.world.bullet_body import DEFAULT_FRICTION
 from aras_sim_bridge.world.model import Model
 
 # Number of steps between two checks for new contacts. Until the next check, the friction

@@ -18,7 +18,7 @@ from itertools import combinations
 
 import numpy as np
 
-from aras_sim_bridge.description.types import GraspDescription, GripperDescription
+from aras_sim_bridge.description.types import GraspFixPlugin, GripperDescription
 from aras_sim_bridge.world.attachments import Attachments, LinkPair
 from aras_sim_bridge.world.bullet import find_contacts, pybullet
 from aras_sim_bridge.world.model import Model
@@ -99,7 +99,7 @@ class GraspFix:
         grasped: the object that each arm holds, by the arm's name.
     """
 
-    def __init__(self, description: GraspDescription, model: Model, world: World) -> None:
+    def __init__(self, description: GraspFixPlugin, model: Model, world: World) -> None:
         self.description, self.model = description, model
         self._world = world
         self._arm_of = {finger: arm for arm in description.arms for finger in arm.fingers}

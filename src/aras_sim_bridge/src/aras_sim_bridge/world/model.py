@@ -8,8 +8,8 @@ from types import MappingProxyType
 
 from aras_sim_bridge.description.types import RobotDescription
 from aras_sim_bridge.errors import UnknownLinkError
-from aras_sim_bridge.world.body import Body
 from aras_sim_bridge.world.bullet import pybullet
+from aras_sim_bridge.world.bullet_body import BulletBody
 from aras_sim_bridge.world.model_joints import ModelJoints
 from aras_visual_servo_base.poses import (
     Pose,
@@ -73,7 +73,7 @@ class Model:
         self.is_attached = False
         self.is_disturbed = False
         self.applied_forces: deque[tuple[str, Vector3, Vector3, Vector3]] = deque(maxlen=100)
-        self.body = Body(client, name, fixed_base)
+        self.body = BulletBody(client, name, fixed_base)
         self.joints = ModelJoints(self.body, gravity)
         self.reload()
         self.read_joints = self.joints.read

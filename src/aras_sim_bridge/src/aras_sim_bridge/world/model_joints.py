@@ -7,12 +7,12 @@ import numpy as np
 
 from aras_sim_bridge.description.types import RobotDescription
 from aras_sim_bridge.errors import UnknownJointError, WorldError
-from aras_sim_bridge.world.body import Body
 from aras_sim_bridge.world.bullet import pybullet
+from aras_sim_bridge.world.bullet_body import BulletBody
 from aras_sim_bridge.world.closed_chains import close_loop
+from aras_sim_bridge.world.fixed_base_dynamics import FixedBaseDynamics
 from aras_sim_bridge.world.joint_damping import JointDamping
 from aras_sim_bridge.world.joint_dynamics import FASTEST_SPEED, NO_LIMIT_FORCE
-from aras_sim_bridge.world.joint_space import JointSpace
 from aras_sim_bridge.world.stops import JointStops
 from aras_visual_servo_base.poses import Pose, Vector3
 
@@ -33,12 +33,12 @@ class ModelJoints:
         applied_efforts: efforts of the last step, N m or N.
     """
 
-    def __init__(self, body: Body, gravity: Vector3) -> None:
+    def __init__(self, body: BulletBody, gravity: Vector3) -> None:
         self.body = body
         self.gravity = gravity
         self.has_own_dynamics = False
         self._is_bullet_current = True
-        self.space: JointSpace | None = None
+        self.space: FixedBaseDynamics | None = None
         self.damping: JointDamping | None = None
         self._speed_bounds: dict[str, float] = {}
 
@@ -60,7 +60,7 @@ class ModelJoints:
         self._indices = [body.joint_indices[name] for name in self.names]
         self._stops = [joint.stops for joint in joints]
         jointed = bool(self.names)
-        space = JointSpace(description, self.names) if jointed else None
+        space = FixedBaseDynamics(description, self.names) if jointed else None
         self.space, self._free_space = (space, None) if body.fixed_base else (None, space)
         self._bullet_stops = JointStops(body, self._indices, self._stops,
                                    space.return_speeds if jointed else ())

@@ -18,9 +18,9 @@ from collections.abc import Callable, Iterator, Mapping
 import cv2
 import numpy as np
 
-from aras_sim_bridge.description import Geometry, shapes
-from aras_sim_bridge.world.body import LINK_MARGIN
+from aras_sim_bridge.description import Geometry, shape_meshes
 from aras_sim_bridge.world.bullet import find_contacts, pybullet
+from aras_sim_bridge.world.bullet_body import LINK_MARGIN
 from aras_sim_bridge.world.model import Model
 from aras_visual_servo_base.compiled import jit
 from aras_visual_servo_base.poses import Pose, Twist, rotate
@@ -518,7 +518,7 @@ def _list_corners(geometry: Geometry) -> Iterator[np.ndarray]:
         signs = [(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]
         yield np.array(signs) * geometry.size
     else:
-        for mesh in shapes.make_meshes(geometry):
+        for mesh in shape_meshes.make_meshes(geometry):
             yield mesh.positions.astype(float)
 
 

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from aras_sim_bridge.world.body import Body
 from aras_sim_bridge.world.bullet import pybullet
+from aras_sim_bridge.world.bullet_body import BulletBody
 
 # fraction of a joint's distance beyond its stop that Bullet corrects in each step
 _RETURN_SHARE = 0.2
@@ -29,7 +29,7 @@ class JointStops:
         speeds: speed at which each joint returns from beyond its stops, rad/s or m/s.
     """
 
-    def __init__(self, body: Body, indices: Sequence[int],
+    def __init__(self, body: BulletBody, indices: Sequence[int],
                  stops: Sequence[tuple[float, float]], speeds: Sequence[float]) -> None:
         self._body, self._indices = body, indices
         self._low, self._high = np.array(stops).reshape(-1, 2).T

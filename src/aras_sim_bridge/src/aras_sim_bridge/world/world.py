@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from aras_sim_bridge.description import shapes
+from aras_sim_bridge.description import shape_meshes
 from aras_sim_bridge.description.gazebo_materials import COLOURS
 from aras_sim_bridge.description.types import (
     Collision,
@@ -25,14 +25,14 @@ from aras_sim_bridge.errors import (
 from aras_sim_bridge.world import bullet_files
 from aras_sim_bridge.world.attachments import Attachments
 from aras_sim_bridge.world.bullet import connect, pybullet, release_client, silence_output
-from aras_sim_bridge.world.checks import LARGEST, check_simulable
 from aras_sim_bridge.world.collision_filters import disable_distant_pairs
 from aras_sim_bridge.world.contact_forecast import ContactForecast
-from aras_sim_bridge.world.deep_contacts import DeepContacts
 from aras_sim_bridge.world.friction import ContactFriction
+from aras_sim_bridge.world.friction_correction import FrictionCorrection
 from aras_sim_bridge.world.model import Model
+from aras_sim_bridge.world.model_checks import LARGEST, check_simulable
+from aras_sim_bridge.world.penetration_recovery import PenetrationRecovery
 from aras_sim_bridge.world.resting_base import FIXED_BASE_ARRAYS, RestingBases
-from aras_sim_bridge.world.sliding import SlidingFriction
 from aras_visual_servo_base.poses import IDENTITY, Pose, Twist, check_pose, check_vector
 
 logger = logging.getLogger(__name__)
@@ -112,8 +112,8 @@ class World:
                 pybullet.configureDebugVisualizer(part, False, physicsClientId=self.client)
         self._has_direct_solver = False
         self.friction = ContactFriction(self.client)
-        self._sliding = SlidingFriction(self.client)
-        self._deep = DeepContacts(self.client, self.models)
+        self._sliding = FrictionCorrection(self.client)
+        self._deep = PenetrationRecovery(self.client, self.models)
         self.resting_bases = RestingBases(self.models, self._update_models)
         self.attachments = Attachments(self.client, self.models, self._update_attachments)
         self._configure()
@@ -215,7 +215,7 @@ class World:
         whole = (description, *description.parts)
         for one in whole:
             check_simulable(one, name)
-            for text in shapes.read_mesh_files(one, name):
+            for text in shape_meshes.read_mesh_files(one, name):
                 logger.warning("%s", text)
         pose = check_pose(pose, f"model '{name}'", WorldError, zero_is_identity=True)
         if math.hypot(*pose.xyz) > LARGEST:
@@ -308,7 +308,7 @@ class World:
         """
         model = self.models.get(name) or self.model(name)
         check_simulable(description, name)
-        shapes.read_mesh_files(description, name)
+        shape_meshes.read_mesh_files(description, name)
         self.resting_bases.release()
         self.attachments.suspend(model)
         model.rebuild(description)
@@ -485,7 +485,7 @@ class World:
             DescriptionError: a mesh file has been damaged meanwhile; nothing is changed.
         """
         for model in self.models.values():
-            shapes.read_mesh_files(model.description, model.name)
+            shape_meshes.read_mesh_files(model.description, model.name)
         self.resting_bases.release()
         pybullet.resetSimulation(physicsClientId=self.client)
         self.attachments.clear()

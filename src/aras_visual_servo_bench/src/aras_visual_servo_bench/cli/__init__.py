@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from aras_visual_servo_base.errors import CompilerError
+from aras_visual_servo_base.errors import NumbaUnavailableError
 
 from ..errors import BenchError, find_program_name
 from .arguments import make_parser
@@ -25,7 +25,7 @@ def main(argv: list[str] | None = None) -> int:
         options.overrides += overrides
     try:
         return options.carry_out(options)
-    except (BenchError, CompilerError) as error:
+    except (BenchError, NumbaUnavailableError) as error:
         print(f"{find_program_name()}: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:

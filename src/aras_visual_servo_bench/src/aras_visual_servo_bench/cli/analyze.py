@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..errors import BenchError, check_formats
-from ..loading import load_run
 from ..metrics import summary
 from ..metrics.formatting import make_printable
 from ..progress_bar import ProgressBar
 from ..recording.run import Run
+from ..run_loading import load_run
 from . import compilation
 
 

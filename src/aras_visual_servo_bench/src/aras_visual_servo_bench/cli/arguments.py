@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from aras_visual_servo_base.program import fast_imports
-from aras_visual_servo_controller.check_defaults import STEP, TOLERANCE
+from aras_visual_servo_controller.interaction_check_defaults import STEP, TOLERANCE
 
 from ..errors import find_program_name, make_missing_library_error
-from ..studies.defaults import CHUNKS_BEFORE_RESTART
+from ..studies.cli_defaults import CHUNKS_BEFORE_RESTART
 
 if TYPE_CHECKING:
     Commands = argparse._SubParsersAction[argparse.ArgumentParser]

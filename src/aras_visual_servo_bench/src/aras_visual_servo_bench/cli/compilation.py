@@ -23,7 +23,7 @@ def prepare_simulation() -> None:
     not compiled again. If catkin built the package, they were already compiled when it was built.
 
     Raises:
-        CompilerError: Numba cannot be imported.
+        NumbaUnavailableError: Numba cannot be imported.
     """
     # `fast_imports` suspends garbage collection, which would otherwise take a tenth of the time of
     # a short run.

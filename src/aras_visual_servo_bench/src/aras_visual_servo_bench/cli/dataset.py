@@ -7,7 +7,7 @@ import argparse
 import yaml
 
 from ..experiment.overrides import parse_overrides
-from ..studies import engine, image_table
+from ..studies import image_table, study_execution
 from ..studies.study import Study
 from ..studies.study_folder import StudyFolder, count_stored_runs
 from . import run
@@ -21,7 +21,7 @@ def make_dataset(options: argparse.Namespace) -> int:
         "pictures": "first" if options.views else "all", "depth": options.depth,
     }  # fmt: skip
     study = Study.from_yaml(path, changed)
-    engine.check_study(study)
+    study_execution.check_study(study)
     print(image_table.check_room(study, options.out, count_stored_runs(options.out)))
     text = yaml.safe_dump(study.to_mapping(), sort_keys=False)
     return run.carry_out(StudyFolder.create(options.out, study, text), options)

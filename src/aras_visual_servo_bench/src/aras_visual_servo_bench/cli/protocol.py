@@ -13,7 +13,7 @@ import yaml
 from aras_visual_servo_base.names import suggest
 
 from ..errors import StudyError
-from ..studies import engine
+from ..studies import study_execution
 from ..studies.results import Results
 from ..studies.study import Study
 from ..studies.study_folder import StudyFolder
@@ -26,7 +26,7 @@ TABLE_FILE = "table.csv"
 def run_protocol(options: argparse.Namespace) -> int:
     """Run the selected cases of a protocol, and write its table."""
     study = _select_cases(Study.from_yaml(run.find_study_file(options.study)), options)
-    engine.check_study(study)
+    study_execution.check_study(study)
     text = yaml.safe_dump(study.to_mapping(), sort_keys=False)
     status = run.carry_out(StudyFolder.create(options.out, study, text), options)
     written = Results.read(options.out).write_csv(options.out / TABLE_FILE)

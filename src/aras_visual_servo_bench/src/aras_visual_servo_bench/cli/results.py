@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from aras_visual_servo_base.lazy import import_without
+from aras_visual_servo_base.lazy_imports import import_without
 
 from ..errors import StudyError, catch_write_errors, check_formats
 from ..studies import captions, compare, tables

@@ -15,13 +15,13 @@ from aras_visual_servo_base.names import suggest
 from ..errors import StudyError, find_command
 from ..experiment.packages import PackagePath
 from ..metrics.formatting import format_count
-from ..studies import data_card, engine, image_table, tables
-from ..studies.defaults import CHUNKS_BEFORE_RESTART
+from ..studies import data_card, image_table, study_execution, tables
+from ..studies.cli_defaults import CHUNKS_BEFORE_RESTART
 from ..studies.pools import DaskPool, InProcessPool, Pool
-from ..studies.progress import format_duration
 from ..studies.results import Results
 from ..studies.study import Study
 from ..studies.study_folder import StudyFolder, count_stored_runs
+from ..studies.study_progress import format_duration
 from . import compilation
 
 SCREEN_ROWS = 40  # largest number of rows of a table that is printed
@@ -53,7 +53,7 @@ def run_study(options: argparse.Namespace, changes: dict[str, Any]) -> int:
     """Run a study with changed settings, or only estimate its duration (--dry-run)."""
     options.study = find_study_file(options.study)
     study = Study.from_yaml(options.study, changes)
-    engine.check_study(study)
+    study_execution.check_study(study)
     out = options.out or Path()
     room = image_table.check_room(study, out, count_stored_runs(out))
     if options.dry_run:
@@ -61,7 +61,7 @@ def run_study(options: argparse.Namespace, changes: dict[str, Any]) -> int:
             print(room)
         # a dry run simulates run 0 twice to estimate the time of the study
         compilation.prepare_simulation()
-        for line in engine.dry_run(study, _read_workers(options)):
+        for line in study_execution.dry_run(study, _read_workers(options)):
             print(line)
         return 0
     if options.out is None:
@@ -89,7 +89,7 @@ def carry_out(folder: StudyFolder, options: argparse.Namespace) -> int:
     with folder.lock():
         has_all_runs = folder.count_stored_runs() == folder.study.run_count
         try:
-            done = engine.run_missing(
+            done = study_execution.run_missing(
                 folder, lambda: make_pool(options), sys.stderr, options.fail_fast, options.mix
             )
         except StudyError as error:

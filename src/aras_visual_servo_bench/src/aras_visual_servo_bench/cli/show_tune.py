@@ -11,10 +11,10 @@ import yaml
 
 from ..errors import BenchError, StudyError, catch_write_errors, find_command
 from ..experiment import overrides
-from ..studies import engine
-from ..studies.progress import Progress
+from ..studies import study_execution
 from ..studies.study import Study
 from ..studies.study_folder import StudyFolder
+from ..studies.study_progress import StudyProgress
 from . import compilation, run
 
 
@@ -89,7 +89,7 @@ def tune(options: argparse.Namespace) -> int:
     study = dataclasses.replace(
         study, vary={key: values for key, values in study.vary.items() if key not in keys}
     )
-    engine.check_study(study)
+    study_execution.check_study(study)
     with run.make_pool(options) as workers:
 
         def carry_out(generation: Study, path: Path) -> None:
@@ -97,8 +97,8 @@ def tune(options: argparse.Namespace) -> int:
             folder = StudyFolder.create(path, generation, text)
             folder.check_code()
             with folder.lock():
-                progress = Progress(generation.run_count, folder.count_stored_runs())
-                engine.carry_out(folder, workers, progress)
+                progress = StudyProgress(generation.run_count, folder.count_stored_runs())
+                study_execution.carry_out(folder, workers, progress)
                 progress.close()
 
         tuner = Tuner(study, ranges, options.metric, options.out, carry_out, options.success)

@@ -19,8 +19,8 @@ from aras_visual_servo_base.names import suggest
 from aras_visual_servo_base.poses import LENGTH_UNITS, inverse, matrix_from_xyz_rpy, optical_pose
 from aras_visual_servo_base.setting_values import merge
 from aras_visual_servo_base.settings import check, parameter
+from aras_visual_servo_camera.camera_model import CameraModel, subdivide
 from aras_visual_servo_camera.errors import InvalidIntrinsicsError
-from aras_visual_servo_camera.undistortion import CameraModel, subdivide
 from aras_visual_servo_controller.observation.camera_rig import MAX_WAITING_IMAGES
 
 from ..errors import ExperimentError, require
@@ -28,7 +28,7 @@ from ..targets.target_spec import PoseValues, TargetSpec
 from .packages import PackagePath
 
 if TYPE_CHECKING:
-    from aras_visual_servo_base.hand_eye import HandEyeCalibration
+    from aras_visual_servo_base.hand_eye_files import HandEyeCalibration
 
 # Limit of angles in settings: half a turn, rad, rounded up, because a file may contain 3.142
 # instead of pi.
@@ -45,7 +45,7 @@ WHITE_LEVEL, DARK_LEVEL = 255, 0
 
 @dataclass(frozen=True)
 class HandEyeSpec:
-    """File with the result of a hand-eye calibration; see aras_visual_servo_base.hand_eye.
+    """File with the result of a hand-eye calibration; see aras_visual_servo_base.hand_eye_files.
 
     file: path of the file.
     units: unit of the lengths in the file: m, cm or mm; '': the unit that the file states, or m if
@@ -65,10 +65,10 @@ class HandEyeSpec:
         """Read the calibration from the file.
 
         Raises:
-            HandEyeError: the file does not contain a calibration.
+            HandEyeFileError: the file does not contain a calibration.
             ExperimentError: there is no such file.
         """
-        from aras_visual_servo_base.hand_eye import read_hand_eye
+        from aras_visual_servo_base.hand_eye_files import read_hand_eye
 
         return read_hand_eye(packages.resolve(self.file), self.units)
 

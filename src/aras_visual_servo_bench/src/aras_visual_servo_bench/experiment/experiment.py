@@ -12,7 +12,7 @@ from aras_sim_bridge.description.types import SUN
 from aras_sim_bridge.rendering import EXPOSURES, RENDERERS
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_base.setting_values import format_value
-from aras_visual_servo_base.settings import KeywordSettings, build, check, parameter, to_mapping
+from aras_visual_servo_base.settings import SettingsBase, build, check, parameter, to_mapping
 from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_controller.observation.observation import CAMERA
 
@@ -61,7 +61,7 @@ class SunSpec:
 
 
 @dataclass(frozen=True)
-class IdealSpec:
+class IdealPlantSpec:
     """Speed limits, image bounds and end of a run on the plant 'ideal'.
 
     speed: limits of the twist's components, m/s and rad/s; the whole twist is scaled to respect
@@ -87,7 +87,7 @@ class IdealSpec:
 
 
 @dataclass(frozen=True)
-class Experiment(KeywordSettings):
+class Experiment(SettingsBase):
     """Settings that determine a run completely: equal experiments give equal runs.
 
     An experiment is immutable. `with_changes(gain=2.0)` returns a copy with other values,
@@ -101,7 +101,7 @@ class Experiment(KeywordSettings):
     plant: 'bullet' (simulated arm), 'chain' (arm without dynamics), 'free' (free-flying camera with
         the control loop's rate, limits and delay) or 'ideal' (camera that executes the scheme's
         twist exactly, one motion per image, as simulations in papers do).
-    ideal: settings of the plant 'ideal'; see IdealSpec.
+    ideal: settings of the plant 'ideal'; see IdealPlantSpec.
     robot: settings of the robot; see RobotSpec.
     friction: whether the joints of the robot have friction (bullet).
     lag: time constant with which each joint, or the free camera, follows its command, s (chain,
@@ -152,7 +152,7 @@ class Experiment(KeywordSettings):
     renamed_keys = RENAMED_KEYS
 
     plant: str = parameter("bullet", choices=PLANTS)
-    ideal: IdealSpec = IdealSpec()
+    ideal: IdealPlantSpec = IdealPlantSpec()
     robot: RobotSpec = RobotSpec()
     friction: bool = True
     lag: float = parameter(0.04, "s", least=0.0)

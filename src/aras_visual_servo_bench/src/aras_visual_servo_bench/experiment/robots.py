@@ -323,7 +323,9 @@ class Robot:
         Raises:
             ExperimentError: a joint has no controller, or the controllers are of different kinds.
         """
-        from aras_visual_servo_controller.kinematics.joint_controllers import find_joint_controllers
+        from aras_visual_servo_controller.kinematics.ros_control_controllers import (
+            find_joint_controllers,
+        )
 
         names = self.spec.controllers or tuple(self.parameters)
         known = {

@@ -14,7 +14,7 @@ from aras_visual_servo_controller.settings import ControllerSettings
 
 from ..errors import ExperimentError, require
 from .cameras import CameraSetup
-from .experiment import FREE_CAMERA_PLANTS, Experiment, IdealSpec
+from .experiment import FREE_CAMERA_PLANTS, Experiment, IdealPlantSpec
 from .loop_settings import FREE_CAMERA_SETTINGS
 
 PARAMETERS = ControllerSettings.__dataclass_fields__
@@ -43,7 +43,7 @@ PLANT_SETTINGS = (
     *((f"controller_parameters.{name}", ("bullet", "chain"), None,
        f"{name} is a parameter for the joints of an arm") for name in ARM_PARAMETERS),
     ("target.box", ("bullet",), None, "target.box is a body in a simulation with physics"),
-    ("ideal", ("ideal",), IdealSpec(), "ideal sets the properties of the ideal camera"),
+    ("ideal", ("ideal",), IdealPlantSpec(), "ideal sets the properties of the ideal camera"),
 )  # fmt: skip
 # Settings that change images, but not features that are computed from the geometry.
 IMAGE_SETTINGS = (

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from aras_sim_bridge.description import Light, RobotDescription, parse_urdf, world_file
-from aras_sim_bridge.description.shapes import make_meshes
+from aras_sim_bridge.description.shape_meshes import make_meshes
 from aras_sim_bridge.description.types import SUN, Link, is_present
 from aras_sim_bridge.description.world_file import WorldFile
 from aras_sim_bridge.errors import SimError

@@ -33,7 +33,7 @@ from aras_visual_servo_base.poses import (
     rotation_vector,
     rotation_vector_rate,
 )
-from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.features.base import Feature, FeatureMeasurement
 from aras_visual_servo_controller.features.luminance import get_grey_image

@@ -33,8 +33,8 @@ from aras_visual_servo_controller.observation.observation import Need, Observati
 from ..errors import ExperimentError
 from ..experiment.experiment import Experiment, RandomStart
 from ..runner.environment import ENVIRONMENT, MAX_TWIST
-from .learned import GoalPoseNetwork, LearnedScheme, compute_errors
 from .learned_pose import relu, shrink_image
+from .learned_scheme import GoalPoseNetwork, LearnedScheme, compute_errors
 from .regressor import fit_network
 
 COLUMNS, ROWS = 40, 30  # size of the network's input image, px

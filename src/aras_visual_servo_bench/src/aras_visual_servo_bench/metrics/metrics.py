@@ -17,7 +17,7 @@ import numpy as np
 from aras_visual_servo_base.names import import_object, suggest
 from aras_visual_servo_base.poses import inverse, pose_difference
 
-from ..errors import StudyError, ViewError
+from ..errors import OutOfViewError, StudyError
 from ..recording.run import Run, compute_settling_time, normalize_errors
 from . import decay
 
@@ -347,7 +347,7 @@ def image_excursion(run: Run) -> float:
     for stamp, pose in zip(run.stamp, run.pose, strict=True):
         try:
             points = target.shape.points(target.target_T_camera(pose, float(stamp)))
-        except ViewError:
+        except OutOfViewError:
             return float("inf")
         pixels = np.column_stack(camera.project(*points.T)) + 0.5
         worst = np.fmax(worst, np.abs(pixels / half - 1.0).max())

@@ -13,7 +13,7 @@ import numpy as np
 
 from aras_sim_bridge.camera.vibration import Vibration
 from aras_visual_servo_base.poses import inverse
-from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_controller.observation.frame import Frame, to_seconds
 from aras_visual_servo_controller.observation.observation import CAMERA
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from aras_sim_bridge.control.controllers.joint_loops import set_loop_commands
+from aras_sim_bridge.control.controllers.joint_control_loop import set_loop_commands
 from aras_sim_bridge.control.joints import HANDLE_COLUMNS, Q, V
 from aras_sim_bridge.control_cycle import ALL_MADE, CYCLE_TYPES, PHYSICS_TYPES, run_cycles
 from aras_visual_servo_base.compiled import jit
@@ -19,7 +19,7 @@ from aras_visual_servo_controller.runner.compiled_updates import (
     NEEDS_PYTHON,
     NEW_COMMAND,
     SENT_VALUES,
-    CompiledUpdates,
+    LoopStateConverter,
     process_joint_state,
 )
 
@@ -134,7 +134,9 @@ class CompiledArmController:
         """
         self._listener, self._robot, self._send = listener, robot, send
         self._last_ns, self._sampler = last_ns, robot.manager.get(sampler)
-        self._updates = CompiledUpdates(driver) if driver.servo.arm.names == tuple(joints) else None
+        self._updates = (
+            LoopStateConverter(driver) if driver.servo.arm.names == tuple(joints) else None
+        )
         handles = list(robot.hardware.handles)
         offsets = np.array([handles.index(name) for name in joints]) * HANDLE_COLUMNS
         self._measured = np.array([offsets + Q, offsets + V])

@@ -35,7 +35,7 @@ from aras_visual_servo_base.poses import (
     xyz_rpy_from_matrix,
 )
 from aras_visual_servo_camera.errors import SegmentationError
-from aras_visual_servo_camera.labels import TargetLabels
+from aras_visual_servo_camera.label_segmentation import LabelSegmentation
 from aras_visual_servo_controller.observation.frame import NANOSECONDS, Frame
 
 from ..errors import ExperimentError
@@ -187,7 +187,7 @@ class DynamicArm(Plant):
             self._record_target_pose()
             self._labels = None
             if labelled_link:
-                self._labels = TargetLabels(labelled_link)
+                self._labels = LabelSegmentation(labelled_link)
                 self._labels.set_links(list_links_by_label(self._simulation.world.models))
                 self._labels.find_target_labels()
         except (SimError, SegmentationError) as error:

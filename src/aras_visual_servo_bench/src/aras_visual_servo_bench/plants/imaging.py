@@ -9,17 +9,17 @@ from functools import cached_property
 
 import numpy as np
 
-from aras_sim_bridge.camera import formats
+from aras_sim_bridge.camera import pixel_formats
 from aras_sim_bridge.camera.effects import Effects
-from aras_sim_bridge.camera.pipeline import ExposureMean, ImagePipeline
+from aras_sim_bridge.camera.pipeline import ExposureAccumulator, ImagePipeline
 from aras_sim_bridge.camera.shutter import RowBand
 from aras_sim_bridge.camera.vibration import Vibration
 from aras_sim_bridge.description.types import is_present
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.polygons import find_crossing
-from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.observation.frame import NANOSECONDS, Frame
 
-from ..errors import ViewError
+from ..errors import OutOfViewError
 from ..experiment import cameras
 from ..targets.geometry import PlacedTarget, Target, project
 from .base import CAMERA, CameraPlacement
@@ -121,7 +121,7 @@ class ImagingSettings:
         try:
             outline = self.target.shape.outline(target_T_camera)
             points = self.target.shape.points(target_T_camera)
-        except ViewError:
+        except OutOfViewError:
             return None
         in_view = self.is_unbounded or cameras.is_in_view(outline, self.camera, 0.0)
         if not in_view or self.depth_range is not None and self.is_clipped(
@@ -159,7 +159,7 @@ class ImagingSettings:
         target_T_camera = self.target_T_camera(pose, stamp_ns)
         try:
             outline = self.target.shape.outline(target_T_camera)
-        except ViewError:
+        except OutOfViewError:
             outline = None
         if outline is not None and self.is_clipped(outline, target_T_camera):
             return np.full((self.camera.height, self.camera.width), cameras.WHITE_LEVEL, np.uint8)
@@ -216,7 +216,7 @@ class ImagingSettings:
             (x0, y0), (x1, y1) = occluder
             corners = np.array([(x, y, shape.height) for x, y in (
                 (x0, y0), (x1, y0), (x1, y1), (x0, y1))])  # fmt: skip
-            with contextlib.suppress(ViewError):
+            with contextlib.suppress(OutOfViewError):
                 covered = cameras.draw_outline(project(corners, target_T_camera), self.camera)
                 image = np.where(covered < OCCLUSION_LEVEL, np.uint8(cameras.WHITE_LEVEL), image)
         return image
@@ -298,7 +298,7 @@ def _draw_image(
     imaging: ImagingSettings, poses: Sequence[np.ndarray], stamp_ns: int, pipeline: ImagePipeline
 ) -> Frame:
     """Draw the frame of a camera: image with camera effects, target mask and depth image."""
-    labels = ExposureMean(imaging.exposure_bands, imaging.camera.height)
+    labels = ExposureAccumulator(imaging.exposure_bands, imaging.camera.height)
     is_solid = False
     for index, (band, pose) in enumerate(zip(imaging.band_settings, poses, strict=True)):
         ns = stamp_ns + imaging.exposure_bands[index].offset_ns
@@ -314,7 +314,7 @@ def _draw_image(
         mask = on_target.view(np.uint8) * 255
     if imaging.has_depth:
         depth = imaging.draw_depth_image(poses[pipeline.middle_part], stamp_ns)
-    image = formats.widen(pipeline.read_out(light, stamp_ns), imaging.encoding)
+    image = pixel_formats.widen(pipeline.read_out(light, stamp_ns), imaging.encoding)
     return Frame(stamp_ns, image, imaging.encoding, depth, name=imaging.name, target_mask=mask,
                  camera=imaging.camera)  # fmt: skip
 
@@ -339,7 +339,7 @@ def _project_rolling_shutter(
     try:
         outlines = _project_outlines(shape, views, middle)
         points = [shape.points(view) for view in views]
-    except ViewError:
+    except OutOfViewError:
         return None
     outline = _interpolate_rolling_shutter(
         np.array([imaging.to_pixels(one) for one in outlines]), bands
@@ -444,7 +444,7 @@ def _project_outlines(
         Corners (n, 2) in normalised coordinates, for each pose.
 
     Raises:
-        ViewError: the target is behind the camera.
+        OutOfViewError: the target is behind the camera.
     """
     x, y = shape.outline(poses[middle]).T
     A, B, C = shape.plane(poses[middle])

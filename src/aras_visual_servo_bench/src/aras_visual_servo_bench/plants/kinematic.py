@@ -12,11 +12,11 @@ import numpy as np
 
 from aras_visual_servo_controller.kinematics import Arm
 from aras_visual_servo_controller.observation.frame import NANOSECONDS
-from aras_visual_servo_controller.runner.compiled_updates import CompiledUpdates
+from aras_visual_servo_controller.runner.compiled_updates import LoopStateConverter
 
 from ..errors import ExperimentError
 from .base import JointReading, Plant, Reading
-from .free_body import FreeBody
+from .free_camera_kinematics import FreeCameraKinematics
 from .imaging import ImagingSettings, collect_vibrations, make_exposure_schedules
 from .kinematic_motion import (
     COMMAND,
@@ -48,7 +48,7 @@ class KinematicPlant(Plant):
 
     def __init__(
         self,
-        arm: Arm | FreeBody,
+        arm: Arm | FreeCameraKinematics,
         q: np.ndarray,
         imaging: ImagingSettings,
         joint_rate: float = 100.0,
@@ -84,14 +84,14 @@ class KinematicPlant(Plant):
         self._joint_period = NANOSECONDS / joint_rate
         # Number of the next joint state, and its stamp (ns).
         self._samples, self._joints_ns = 0, JOINT_PHASE_NS
-        self._updates: CompiledUpdates | None = None
+        self._updates: LoopStateConverter | None = None
 
     def attach_loop(
         self, driver: LoopRunner, listener: JointListener, read_end_ns: Callable[[], float]
     ) -> None:
         """Process joint states in compiled code; see Plant.attach_loop."""
         if driver.servo.arm.names == self.joint_names:
-            self._updates = CompiledUpdates(driver, ("position", "velocity"))
+            self._updates = LoopStateConverter(driver, ("position", "velocity"))
         self._listener, self._read_end_ns = listener, read_end_ns
 
     def advance(self, until_ns: int) -> list[Reading]:
@@ -213,4 +213,4 @@ class FreeCamera(KinematicPlant):
     With a constant twist, the final pose does not depend on the number of steps.
     """
 
-    arm: FreeBody
+    arm: FreeCameraKinematics

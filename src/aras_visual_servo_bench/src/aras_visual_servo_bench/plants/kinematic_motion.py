@@ -5,7 +5,7 @@ import numpy as np
 from aras_visual_servo_base.compiled import jit
 from aras_visual_servo_controller.kinematics.algebra import solve_linear
 from aras_visual_servo_controller.kinematics.chain import CHAIN_SIGNATURE, compute_pose_and_jacobian
-from aras_visual_servo_controller.kinematics.free_joint import move_freely
+from aras_visual_servo_controller.kinematics.free_body_kinematics import move_freely
 from aras_visual_servo_controller.observation.frame import NANOSECONDS
 from aras_visual_servo_controller.runner.compiled_updates import (
     LOOP_ROWS,

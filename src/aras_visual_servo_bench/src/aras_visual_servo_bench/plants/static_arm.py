@@ -16,7 +16,7 @@ from aras_sim_bridge.world import Pose, World
 from aras_sim_bridge.world.overlaps import find_overlaps
 from aras_visual_servo_base.poses import relative_pose, skew
 
-from ..errors import ViewError
+from ..errors import OutOfViewError
 from ..targets.geometry import PlacedTarget, Target
 
 VIEW_SIZE = 32  # side of the square image in which hidden pixels of the target are counted, px
@@ -140,7 +140,7 @@ class StaticArm:
                 [right, skew(forward) @ right, forward], axis=1
             )
             outline = target.outline(relative_pose(target_pose, turned))
-        except ViewError:
+        except OutOfViewError:
             return None
         focal = 0.5 * (VIEW_SIZE - 2.0) / np.abs(outline).max()
         K = np.diag([focal, focal, 1.0])

@@ -98,7 +98,7 @@ def find_figure_width(is_wide: bool = False) -> float:
     return WIDE_FIGURE if is_wide and not is_paper() else plt.rcParams["figure.figsize"][0]
 
 
-class ReportFigure(Figure):
+class HeadlessFigure(Figure):
     """Figure that is drawn without a window, and that notebooks show.
 
     It is independent of pyplot, whose backend and open figures belong to the user.
@@ -163,14 +163,14 @@ def make_axes(
     rows, part = -(-count // columns), 0.66 if is_paper() else 1.0
     if width is not None:
         size = (width * columns, part * panel_height * rows)
-        figure = ReportFigure(figsize=size, layout="constrained")
+        figure = HeadlessFigure(figsize=size, layout="constrained")
     else:
         scaled = Margins(*(part * inches for inches in margins))
         panel_height *= part
         long = find_figure_width(is_wide)
         across = (long - scaled.left - scaled.right - (columns - 1) * scaled.column_gap) / columns
         high = scaled.top + scaled.bottom + rows * panel_height + (rows - 1) * scaled.row_gap
-        figure = ReportFigure(figsize=(long, high))
+        figure = HeadlessFigure(figsize=(long, high))
         options["gridspec_kw"] = {
             "left": scaled.left / long, "right": 1.0 - scaled.right / long,
             "top": 1.0 - scaled.top / high, "bottom": scaled.bottom / high,

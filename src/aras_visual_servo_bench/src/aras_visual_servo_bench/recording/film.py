@@ -8,7 +8,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from aras_visual_servo_camera.undistortion import CameraModel, normalise_pixels
+from aras_visual_servo_camera.camera_model import CameraModel, normalise_pixels
 from aras_visual_servo_controller.observation.frame import Frame
 from aras_visual_servo_controller.observation.observation import CAMERA
 

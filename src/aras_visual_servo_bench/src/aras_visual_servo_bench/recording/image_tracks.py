@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_camera.undistortion import CameraModel
 
 from ..targets.geometry import PlacedTarget
 from .run import Run, normalize_errors

@@ -8,18 +8,18 @@ from dataclasses import replace
 
 import numpy as np
 
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.errors import InvalidIntrinsicsError
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.kinematics import Arm
 from aras_visual_servo_controller.observation.observation import CAMERA
 from aras_visual_servo_controller.records.state import APPROACHING, ServoState
-from aras_visual_servo_controller.ros.read_back import read_state
+from aras_visual_servo_controller.ros.recorded_messages import read_state
 
 from ..errors import BenchError
-from ..targets.geometry import BoxesTarget, PlacedTarget
+from ..targets.geometry import PlacedTarget, PlatesTarget
 from .film import encode_film, select_frames, with_images
 from .graph_recording import GraphRecording
 from .image_tracks import find_milestones, find_nearest
@@ -258,4 +258,4 @@ def _compute_verdict(goal: Goal | None, poses: np.ndarray) -> Verdict:
 def _make_target(goal: Goal | None) -> PlacedTarget | None:
     if goal is None or goal.target is None:
         return None
-    return PlacedTarget(BoxesTarget(goal.target), np.eye(4))
+    return PlacedTarget(PlatesTarget(goal.target), np.eye(4))

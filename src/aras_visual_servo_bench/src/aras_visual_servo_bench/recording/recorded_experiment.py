@@ -16,7 +16,7 @@ import yaml
 
 from aras_visual_servo_base.yaml_files import parse_yaml, read_yaml
 from aras_visual_servo_controller.errors import ServoError
-from aras_visual_servo_controller.features.base import DepthFraction
+from aras_visual_servo_controller.features.base import DepthRelativeTolerance
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.kinematics import Arm
 from aras_visual_servo_controller.settings import ControllerSettings
@@ -26,7 +26,7 @@ from ..experiment.experiment import Experiment
 from ..experiment.packages import PackagePath
 from ..experiment.refused_parameters import EXPERIMENT_KEYS, GRAPH_PARAMETERS
 from ..experiment.robots import RobotSpec
-from .parameters import find_branch
+from .ros_parameters import find_branch
 from .run_recorder import describe_settings
 
 # Parameters of the controller node that are not copied to `controller_parameters`, because an
@@ -159,7 +159,7 @@ class RecordedExperiment:
             if self.goal is not None:
                 instance.check(self.goal)
             if len(instance.units) == count:
-                known = not any(isinstance(t, DepthFraction) for t in instance.tolerances)
+                known = not any(isinstance(t, DepthRelativeTolerance) for t in instance.tolerances)
                 return tuple(instance.units), tuple(instance.tolerances) if known else ()
             self.notes.append(
                 f"units of the features are unknown: scheme '{scheme}' has other features than in "

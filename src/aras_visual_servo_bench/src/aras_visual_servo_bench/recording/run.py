@@ -12,14 +12,14 @@ from functools import cached_property
 import numpy as np
 
 from aras_visual_servo_base.poses import pose_difference
-from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_controller.diagnosis.pose_uncertainty import NEGLIGIBLE_UNCERTAINTY
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.records.state import CONVERGED, ServoState
 
 from ..experiment.experiment import Experiment
 from ..targets.geometry import PlacedTarget
-from .run_presentation import RunPresentation
+from .presentable_run import PresentableRun
 
 Film = tuple[tuple[float, bytes], ...]  # film of a run: stamp (s) and JPEG of each frame
 
@@ -104,11 +104,11 @@ class CameraRecord:
 
 
 @dataclass(eq=False, repr=False)
-class Run(RunPresentation):
+class Run(PresentableRun):
     """Record of one run: measurements and commands of the loop, true camera poses, and the result.
 
     The functions `run` and `load_run` and the method `Loop.make_run` return a Run. The methods
-    `plot`, `report` and `to_pandas` of its base class RunPresentation show it. In the shapes of
+    `plot`, `report` and `to_pandas` of its base class PresentableRun show it. In the shapes of
     arrays, n is the number of images that the loop has processed, k the number of features, m the
     number of joint states, and j the number of joints. Unknown values are None, NaN or empty. Poses
     are world_T_camera (4, 4); lengths are in m, angles in rad, times in s.

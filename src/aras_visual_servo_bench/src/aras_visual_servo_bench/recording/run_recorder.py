@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_controller.kinematics import Arm
 from aras_visual_servo_controller.observation.frame import Frame
 from aras_visual_servo_controller.records.run_record import Record

@@ -40,8 +40,8 @@ class ControllerWatch:
         from aras_visual_servo_controller.msg import ServoState
         from sensor_msgs.msg import JointState
 
-        from aras_visual_servo_ros.connections import find_publishers
         from aras_visual_servo_ros.log_folder import check_log_folder
+        from aras_visual_servo_ros.rospy_patches import find_publishers
 
         self.progress = RunProgress()
         find_publishers()

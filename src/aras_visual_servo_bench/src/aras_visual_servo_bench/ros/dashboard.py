@@ -15,14 +15,14 @@ from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.settings import build, list_defaults, parameter
 from aras_visual_servo_controller.errors import ServoError
 from aras_visual_servo_controller.observation.observation import SEGMENTED
-from aras_visual_servo_ros.connections import accept_in_threads
+from aras_visual_servo_ros.rospy_patches import accept_in_threads
 from aras_visual_servo_ros.shutdown import init_node, iterate_at_period
 
-from ..errors import BenchError, RefusedError
+from ..errors import BenchError, RefusedRequestError
 from .graph_listener import GraphListener, make_listener_settings
 
 if TYPE_CHECKING:
-    from ..web.live.requests import Request
+    from ..web.live.page_requests import PageRequest
 
 # Time between two updates of rarely changing values, such as selection lists, s of wall time.
 PERIOD = 0.5
@@ -58,19 +58,19 @@ class Dashboard:
             directory: folder for goals, bags and reports.
         """
         from ..web.live.page_state import PageState
-        from .image_subscriber import ImageSubscriber
+        from .overlay_subscriber import OverlaySubscriber
         from .page_commands import PageCommands
         from .session_files import SessionFiles
-        from .target_watch import TargetWatch
+        from .target_drawing_updater import TargetDrawingUpdater
         from .teleoperator import Teleoperator
 
         settings = listener.settings
         self.page, self._listener = PageState(), listener
         self._commands = PageCommands(listener, settings, directory, robot)
-        self._session_files, self._target = SessionFiles(directory), TargetWatch()
+        self._session_files, self._target = SessionFiles(directory), TargetDrawingUpdater()
         self._session_files.check_recording = self._check_time
         self._teleoperator = Teleoperator(listener, settings)
-        self._images = ImageSubscriber(
+        self._images = OverlaySubscriber(
             settings.namespace.rstrip("/"), settings.camera_namespace.rstrip("/")
         )
         self._model: tuple[str, dict[str, Any]] = ("", {})
@@ -137,16 +137,16 @@ class Dashboard:
         self._viewer_count = viewers
         self._images.set_viewer_count(viewers)
 
-    def execute(self, request: Request) -> str:
+    def execute(self, request: PageRequest) -> str:
         """Execute a request of the live page, and return the answer.
 
         Raises:
-            RefusedError: the request cannot be executed.
+            RefusedRequestError: the request cannot be executed.
         """
         try:
             return self._handlers[request.do](request.arguments)
         except (ServoError, OSError, rospy.ROSException) as error:
-            raise RefusedError(str(error)) from error
+            raise RefusedRequestError(str(error)) from error
 
     def find_file(self, path: str) -> Path | None:
         """Return the path of a file of a report; return None if it does not exist."""
@@ -158,7 +158,7 @@ class Dashboard:
         Otherwise, the recorder could wait for simulated time forever.
 
         Raises:
-            RefusedError: no joint states arrive, and no simulator is running.
+            RefusedRequestError: no joint states arrive, and no simulator is running.
         """
         trace = self._listener.run_trace
         if trace is None or trace.factor is None:
@@ -168,16 +168,18 @@ class Dashboard:
         """Store the current view as a goal, and return the answer.
 
         Raises:
-            RefusedError: the simulation is paused, the target is not detected, or the tool that
-                stores the goal fails.
+            RefusedRequestError: the simulation is paused, the target is not detected, or the tool
+                that stores the goal fails.
         """
         listener, scheme = self._listener, self._commands.read_selection().get("scheme", "moments")
         if listener.run_trace is None or listener.run_trace.factor is None:
-            raise RefusedError("the simulation is paused, so there are no images: resume it first")
+            raise RefusedRequestError(
+                "the simulation is paused, so there are no images: resume it first"
+            )
         settings = listener.settings
         needs = settings.from_mapping({"scheme": scheme}, settings.package).make_scheme().needs
         if listener.no_target_reason and (not needs or needs & SEGMENTED):
-            raise RefusedError(
+            raise RefusedRequestError(
                 f"the target is not detected ({listener.no_target_reason}): bring it into view, "
                 "then teach again"
             )

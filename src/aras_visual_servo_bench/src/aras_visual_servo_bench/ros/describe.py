@@ -21,7 +21,7 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 
-from ..recording.parameters import find_branch
+from ..recording.ros_parameters import find_branch
 
 FORMAT_VERSION = 1
 TOPIC = "/aras_visual_servo/experiment"

@@ -22,14 +22,14 @@ from sensor_msgs.msg import CameraInfo, JointState
 
 from aras_visual_servo_base.poses import Pose, normalise
 from aras_visual_servo_base.urdf import read_robot_name
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.messages import read_outline_message
-from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.records.state import ServoState as State
 from aras_visual_servo_controller.ros.description import DescriptionWatch
 from aras_visual_servo_controller.ros.node_settings import find_package_folder
-from aras_visual_servo_controller.ros.read_back import read_state
+from aras_visual_servo_controller.ros.recorded_messages import read_state
 from aras_visual_servo_controller.settings import ControllerSettings
 
 from ..visualization.run_trace import NO_STATE, RunTrace

@@ -19,21 +19,21 @@ from aras_visual_servo_base.settings import build
 
 from ..errors import ExperimentError, StudyError
 from ..experiment.overrides import parse_overrides
-from ..targets.geometry import Motion
+from ..targets.geometry import TargetMotion
 
 # Rate at which the target's pose is set, Hz in simulated time; twice the camera's image rate.
 RATE = 60.0
 SERVICE_TIMEOUT = 10.0  # longest time to wait for the services of the simulation, s
 
 
-def parse_motion(arguments: list[str]) -> Motion:
+def parse_motion(arguments: list[str]) -> TargetMotion:
     """Return the motion that arguments of the form key=value describe.
 
     Raises:
         ExperimentError: an argument is invalid, or the target would not move.
     """
     try:
-        motion = build(Motion, parse_overrides(arguments), "motion", ExperimentError)
+        motion = build(TargetMotion, parse_overrides(arguments), "motion", ExperimentError)
     except StudyError as error:
         raise ExperimentError(str(error)) from None
     if motion.is_static:
@@ -62,7 +62,7 @@ def main(argv: list[str] | None = None) -> int:
         return 1
 
 
-def _move_target(motion: Motion, model: str) -> int:
+def _move_target(motion: TargetMotion, model: str) -> int:
     import rospy
     from gazebo_msgs.msg import ModelState
     from gazebo_msgs.srv import GetModelState, SetModelState

@@ -32,13 +32,13 @@ from aras_visual_servo_controller.laws import LAWS
 from aras_visual_servo_controller.schemes import SCHEMES
 from aras_visual_servo_controller.settings import ControllerSettings
 
-from ..errors import RefusedError, catch_write_errors
+from ..errors import RefusedRequestError, catch_write_errors
 from ..recording.recorded_experiment import find_preset
 from .graph_listener import GraphListener
 from .ros_launch import RosLaunch
 from .session_files import LOG_PREFIX
+from .target_drawing_updater import TARGET_DESCRIPTION
 from .target_pose_reader import TARGET
-from .target_watch import TARGET_DESCRIPTION
 
 CONTROLLER, CAMERA = "/aras_visual_servo_controller", "/aras_visual_servo_camera"
 CAMERA_PARAMETERS = "/gazebo/cameras/labrob/camera"
@@ -54,7 +54,7 @@ DEFAULT_NODES = {"scheme": "moments", "law": "proportional", "start": "2016", "g
 class PageCommands:
     """Commands of the live page.
 
-    Each command returns an answer for the user. If it fails, it raises RefusedError with the
+    Each command returns an answer for the user. If it fails, it raises RefusedRequestError with the
     reason.
     """
 
@@ -146,7 +146,7 @@ class PageCommands:
         """Check that a simulator is running.
 
         Raises:
-            RefusedError: no simulator answers.
+            RefusedRequestError: no simulator answers.
         """
         name = "/gazebo/get_world_properties"
         self._call(name, GetWorldProperties, "is the simulator running?")
@@ -155,7 +155,7 @@ class PageCommands:
         """Advance the paused simulation by a number of time steps."""
         answer = self._call("/gazebo/step_world", StepWorld, "is the simulator running?", steps)
         if not answer.success:
-            raise RefusedError(answer.status_message)
+            raise RefusedRequestError(answer.status_message)
         return f"{steps} steps, to {answer.sim_time.to_sec():.3f} s"
 
     def set_gain(self, name: str, value: float) -> str:
@@ -165,7 +165,7 @@ class PageCommands:
                             "is the controller node running?", config)  # fmt: skip
         after = {entry.name: entry.value for entry in answer.config.doubles}
         if name not in after:
-            raise RefusedError(
+            raise RefusedRequestError(
                 f"the running control law has no gain {name}; its gains: {', '.join(after)}"
             )
         return f"{name} is {after[name]:.4g}"
@@ -188,11 +188,11 @@ class PageCommands:
             turn: rotation of the camera about its optical axis, rad.
 
         Raises:
-            RefusedError: there is no robot, or no pose within REACH_TOLERANCE is reachable.
+            RefusedRequestError: there is no robot, or no pose within REACH_TOLERANCE is reachable.
         """
         selection, trace = self.read_selection(), self._listener.run_trace
         if trace is None:
-            raise RefusedError("there is no robot yet")
+            raise RefusedRequestError("there is no robot yet")
         settings = self._settings.from_mapping(
             {"start": selection.get("start", "none"), "desired": selection.get("goal", "auto")},
             self._settings.package,
@@ -207,7 +207,7 @@ class PageCommands:
             reached = trace.arm.pose(joints)
             predicted = goal.predict_from_pose(reached)
         except ServoError as error:
-            raise RefusedError(f"this goal is not possible: {error}") from error
+            raise RefusedRequestError(f"this goal is not possible: {error}") from error
         values = dict(zip(trace.arm.names, joints.tolist(), strict=True))
         path = self._write_file("moved", replace(predicted, joints=values).to_yaml(
             "Goal with an offset from the live page."))
@@ -238,7 +238,9 @@ class PageCommands:
                 last_line = self._launch.read_last_lines(1).strip()
                 why = last_line if ended else "the nodes do not answer"
                 self._end_nodes()
-                raise RefusedError(f"the controller did not start: {LOG_PREFIX.sub('', why)}")
+                raise RefusedRequestError(
+                    f"the controller did not start: {LOG_PREFIX.sub('', why)}"
+                )
         return f"servoing with {scheme}, law {law}, from {start} to {Path(goal).stem}"
 
     def _is_ready(self) -> bool:
@@ -287,15 +289,19 @@ class PageCommands:
             spawned = self._call("/gazebo/spawn_urdf_model", SpawnModel, "", self.robot,
                                  rospy.get_param(self._settings.description), "", Pose(), "")
             if not spawned.success:
-                raise RefusedError(f"the robot could not be respawned: {spawned.status_message}")
+                raise RefusedRequestError(
+                    f"the robot could not be respawned: {spawned.status_message}"
+                )
             for controller in controllers:
                 self._call(f"{manager}/load_controller", LoadController, "", controller.name)
             running = [c.name for c in controllers if c.state == "running"]
             switched = self._call(f"{manager}/switch_controller", SwitchController, "", running,
                                   [], STRICT_SWITCHING, False, 0.0)  # fmt: skip
             if not switched.ok:
-                raise RefusedError("the robot was respawned, but its controllers did not start: "
-                                   "reset the simulation")
+                raise RefusedRequestError(
+                    "the robot was respawned, but its controllers did not start: "
+                    "reset the simulation"
+                )
         self.selection["camera"] = preset
         return f"the robot has the camera {preset}"
 
@@ -306,13 +312,13 @@ class PageCommands:
         with self._lock:
             state = self._call("/gazebo/get_model_state", GetModelState, "", TARGET, "")
             if not state.success:
-                raise RefusedError("there is no model named target to replace; launch the "
-                                   f"simulator with target:={name}")
+                raise RefusedRequestError("there is no model named target to replace; launch the "
+                                          f"simulator with target:={name}")
             self._call("/gazebo/delete_model", DeleteModel, "", TARGET)
             answer = self._call("/gazebo/spawn_urdf_model", SpawnModel, "", TARGET, text, "",
                                 state.pose, "")  # fmt: skip
             if not answer.success:
-                raise RefusedError(answer.status_message)
+                raise RefusedRequestError(answer.status_message)
             rospy.set_param(TARGET_DESCRIPTION, text)
         self.selection["target"] = name
         return f"the target is {name}"
@@ -327,7 +333,7 @@ class PageCommands:
 
     def _write_file(self, name: str, text: str) -> Path:
         path = self.directory / "goals" / f"{name}.yaml"
-        with catch_write_errors(path, RefusedError):
+        with catch_write_errors(path, RefusedRequestError):
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text, encoding="utf-8")
         return path
@@ -350,14 +356,14 @@ class PageCommands:
             arguments: fields of the request.
 
         Raises:
-            RefusedError: the service does not exist or fails.
+            RefusedRequestError: the service does not exist or fails.
         """
         try:
             rospy.wait_for_service(name, SERVICE_TIMEOUT)
             return rospy.ServiceProxy(name, kind)(*arguments)
         except (rospy.ROSException, rospy.ServiceException, OSError) as error:
             why = f"{name} does not answer" + (f" ({hint})" if hint else f": {error}")
-            raise RefusedError(why) from error
+            raise RefusedRequestError(why) from error
 
 
 def _remove_duplicates(names: list[str]) -> list[str]:

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from ..errors import RefusedError, catch_write_errors
+from ..errors import RefusedRequestError, catch_write_errors
 from .ros_launch import RosLaunch
 
 # Longest times, s of wall time: for the tool teach, for the tool analyze, and for the recorder to
@@ -27,8 +27,8 @@ class SessionFiles:
     """Runs the tools teach, record and analyze, and manages the files that they write.
 
     Attributes:
-        check_recording: function that is called before a recording. It raises RefusedError if
-            recording is impossible.
+        check_recording: function that is called before a recording. It raises RefusedRequestError
+            if recording is impossible.
         directory: folder of all files.
         open_bag: bag that is being recorded; None if there is none.
         last_bag: bag that was recorded last; None if no bag was recorded. The bag is not closed if
@@ -56,7 +56,7 @@ class SessionFiles:
     def start_recording(self) -> str:
         """Start record.launch, which records a bag; `stop_recording` ends the recording."""
         if self.open_bag is not None and self._recorder.running:
-            raise RefusedError(f"already recording to {self.open_bag}")
+            raise RefusedRequestError(f"already recording to {self.open_bag}")
         self.check_recording()
         bag = self._make_folder("bags") / time.strftime("run_%Y-%m-%d_%H-%M-%S.bag")
         self._recorder = RosLaunch(
@@ -70,7 +70,7 @@ class SessionFiles:
             if ended or self._recorder.find_death_message() or time.monotonic() > end:
                 why = ended[1] if ended else self._recorder.read_last_lines(1).strip()
                 self._recorder.stop()
-                raise RefusedError(f"the recorder did not start: {why}")
+                raise RefusedRequestError(f"the recorder did not start: {why}")
             time.sleep(0.1)
         self.open_bag = bag
         return f"recording to {bag}"
@@ -78,7 +78,7 @@ class SessionFiles:
     def stop_recording(self) -> str:
         """Stop the recorder, which then closes the bag."""
         if self.open_bag is None:
-            raise RefusedError("nothing is being recorded")
+            raise RefusedRequestError("nothing is being recorded")
         error = self.find_recording_error()
         self._recorder.stop()
         bag, self.open_bag = self.open_bag, None
@@ -86,13 +86,15 @@ class SessionFiles:
             # The recorder was killed, so its bag is unclosed; analyze can still read this bag.
             bag = bag.with_name(bag.name + ACTIVE_SUFFIX)
         if not bag.exists():
-            raise RefusedError(
+            raise RefusedRequestError(
                 f"the recorder has written no bag: {self._recorder.read_last_lines(1).strip()}"
             )
         self.last_bag = bag
         text = f"recorded {bag} ({bag.stat().st_size / 1e6:.1f} MB)"
         if error:
-            raise RefusedError(f"{error}; the bag contains the data before this error: {text}")
+            raise RefusedRequestError(
+                f"{error}; the bag contains the data before this error: {text}"
+            )
         return text
 
     def find_recording_error(self) -> str:
@@ -113,16 +115,16 @@ class SessionFiles:
     def make_report(self) -> str:
         """Create the report of the last bag with the tool analyze."""
         if self.open_bag is not None:
-            raise RefusedError("a bag is being recorded: stop the recording first")
+            raise RefusedRequestError("a bag is being recorded: stop the recording first")
         if self.last_bag is None:
-            raise RefusedError("nothing has been recorded yet")
+            raise RefusedRequestError("nothing has been recorded yet")
         out = self._make_folder(REPORT_FOLDER) / self.last_bag.stem
         self._run(["rosrun", "aras_visual_servo_bench", "analyze", str(self.last_bag), "--out",
                    # without formats, analyze writes only the page, no separate figures
                    str(out), "--formats", ""], REPORT_TIMEOUT)
         pages = sorted(out.rglob("*.html"))
         if not pages:
-            raise RefusedError(f"analyze has written no page into {out}")
+            raise RefusedRequestError(f"analyze has written no page into {out}")
         self.report_page = str(pages[0].relative_to(self.directory / REPORT_FOLDER))
         return f"wrote the report into {out}"
 
@@ -145,7 +147,7 @@ class SessionFiles:
 
     def _make_folder(self, name: str) -> Path:
         path = self.directory / name
-        with catch_write_errors(f"to {path}", RefusedError):
+        with catch_write_errors(f"to {path}", RefusedRequestError):
             path.mkdir(parents=True, exist_ok=True)
         return path
 
@@ -154,14 +156,16 @@ class SessionFiles:
         """Run a tool and wait until it ends.
 
         Raises:
-            RefusedError: the tool fails, or takes longer than `seconds`. If it fails, the message
-                is the last line of its output.
+            RefusedRequestError: the tool fails, or takes longer than `seconds`. If it fails, the
+                message is the last line of its output.
         """
         try:
             done = subprocess.run(command, capture_output=True, text=True, timeout=seconds,
                                   check=False, stdin=subprocess.DEVNULL)  # fmt: skip
         except subprocess.TimeoutExpired:
-            raise RefusedError(f"{command[2]} did not finish within {seconds:.0f} s") from None
+            raise RefusedRequestError(
+                f"{command[2]} did not finish within {seconds:.0f} s"
+            ) from None
         if done.returncode:
             lines = [line for line in (done.stdout + done.stderr).splitlines() if line.strip()]
-            raise RefusedError(lines[-1].strip() if lines else f"{command[2]} failed")
+            raise RefusedRequestError(lines[-1].strip() if lines else f"{command[2]} failed")

@@ -14,7 +14,7 @@ from aras_visual_servo_controller.ros.command_publishers import CommandPublisher
 from aras_visual_servo_controller.settings import ControllerSettings
 from aras_visual_servo_controller.teleop.jog import Jog
 
-from ..errors import RefusedError
+from ..errors import RefusedRequestError
 from .graph_listener import GraphListener
 
 PERIOD = 0.02  # time between two commands, s of wall time
@@ -67,11 +67,11 @@ class Teleoperator:
         """Stop the controller, and return the Jog, which computes the commands for the robot's arm.
 
         Raises:
-            RefusedError: there is no robot, or its controller cannot be stopped.
+            RefusedRequestError: there is no robot, or its controller cannot be stopped.
         """
         trace = self._listener.run_trace
         if trace is None or self._listener.positions is None:
-            raise RefusedError("no joint states are received: is the robot running?")
+            raise RefusedRequestError("no joint states are received: is the robot running?")
         if trace.state.phase not in ("", "stopped"):
             stop_controller(self._settings.namespace.rstrip("/"))
         if self._jog is None or self._jog.arm is not trace.arm:
@@ -80,7 +80,7 @@ class Teleoperator:
             try:
                 topics = CommandPublishers(settings, trace.arm.names, "position")
             except ConfigurationError as error:
-                raise RefusedError(str(error)) from None
+                raise RefusedRequestError(str(error)) from None
             with self._lock:
                 if self._topics is not None:
                     self._topics.close()

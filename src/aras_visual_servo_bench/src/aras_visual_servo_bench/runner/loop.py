@@ -29,7 +29,7 @@ from ..recording.run_recorder import RunRecorder
 from ..setup.assembly import Assembly, assemble
 
 if TYPE_CHECKING:
-    from .run_termination import RunTermination
+    from .ideal_run_termination import IdealRunTermination
 
 # time added to the experiment's duration for the exposure of one more image, ns
 FINAL_NS = 50_000_000
@@ -135,11 +135,11 @@ class Loop:
         self._recorder = RunRecorder(len(self.plant.joint_names), records_films)
         self.servo.on_record = self._recorder.records.append
         self._has_free_camera = "twist" in self.plant.outputs
-        self._termination: RunTermination | None = None
+        self._termination: IdealRunTermination | None = None
         if self._has_free_camera:
-            from .run_termination import RunTermination
+            from .ideal_run_termination import IdealRunTermination
 
-            self._termination = RunTermination(experiment, parts)
+            self._termination = IdealRunTermination(experiment, parts)
         # The wall clock is the function `float`, which returns 0.0, so the time of computations
         # does not count as a delay.
         self._driver = LoopRunner(

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError, UnreachableError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.goals.starts import find_start_joints
@@ -30,20 +30,20 @@ from aras_visual_servo_controller.observation.frame import Frame
 from aras_visual_servo_controller.observation.observation import Need, Observation
 from aras_visual_servo_controller.settings import ControllerSettings
 
-from ..errors import ExperimentError, ViewError, log_once
+from ..errors import ExperimentError, OutOfViewError, log_once
 from ..experiment.cameras import CameraSetup
 from ..experiment.experiment import CameraPoseSpec, Experiment, RandomStart
 from ..experiment.loop_settings import load_named_goal
 from ..plants.base import CameraPlacement, Plant
-from ..plants.free_body import FreeBody
+from ..plants.free_camera_kinematics import FreeCameraKinematics
 from ..plants.kinematic import FreeCamera, KinematicArm
 from ..targets.geometry import PlacedTarget
-from .experiment_reader import SchemeWrapper, check_scheme, read_context
 from .imaging_setup import make_imaging_settings
-from .setup_context import GoalImages, SetupContext
+from .robot_camera_reader import SchemeWrapper, check_scheme, read_context
+from .run_setup import GoalImages, RunSetup
 
 if TYPE_CHECKING:
-    from .postures import Postures
+    from .posture_search import PostureSearch
 
 
 @dataclass
@@ -73,7 +73,7 @@ class Assembly:
     goal_pose: np.ndarray
     target: PlacedTarget
     placements: Mapping[str, CameraPlacement]
-    postures: Postures | None = None
+    postures: PostureSearch | None = None
     notes: tuple[str, ...] = ()
 
     @property
@@ -140,7 +140,7 @@ def assemble(
             {context.control_camera.name: calibrated, **others}, context.scheme, servo.goal
         )
         plant = make_plant(context, arm, start)
-    except (ServoError, ViewError) as error:
+    except (ServoError, OutOfViewError) as error:
         raise ExperimentError(str(error)) from error
     return Assembly(
         plant, context.settings, servo, rig, context.cameras, goal, pose, context.target,
@@ -164,7 +164,7 @@ def check(experiment: Experiment) -> None:
             from .goal_teaching import check_view
 
             check_view(context, location.pose)
-    except (ServoError, ViewError) as error:
+    except (ServoError, OutOfViewError) as error:
         raise ExperimentError(str(error)) from error
 
 
@@ -182,7 +182,7 @@ class GoalLocation:
     loaded_goal: Goal | None = None
 
 
-def read_goal(context: SetupContext) -> GoalLocation:
+def read_goal(context: RunSetup) -> GoalLocation:
     """Return the camera pose and the joint positions at the goal of an experiment.
 
     Raises:
@@ -207,7 +207,7 @@ def read_goal(context: SetupContext) -> GoalLocation:
     return GoalLocation(np.array(completed.world_T_camera), completed.joints, goal)
 
 
-def _read_goal_joints(context: SetupContext) -> np.ndarray:
+def _read_goal_joints(context: RunSetup) -> np.ndarray:
     """Return the joint positions (n,) of a goal that the experiment gives as joint positions."""
     try:
         joints = find_start_joints(context.experiment.goal, context.arm, context.settings.package)
@@ -218,7 +218,9 @@ def _read_goal_joints(context: SetupContext) -> np.ndarray:
     return joints
 
 
-def make_arms(context: SetupContext, pose: np.ndarray) -> tuple[Arm | FreeBody, Arm | FreeBody]:
+def make_arms(
+    context: RunSetup, pose: np.ndarray
+) -> tuple[Arm | FreeCameraKinematics, Arm | FreeCameraKinematics]:
     """Return the arm with the true camera calibration, and with the one that the controller uses.
 
     pose: world_T_camera (4, 4) at the goal, from which the coordinates of a free camera are
@@ -230,19 +232,19 @@ def make_arms(context: SetupContext, pose: np.ndarray) -> tuple[Arm | FreeBody, 
             offset.xyz, offset.rpy, context.control_camera.name
         )
     moved = matrix_from_xyz_rpy(offset.xyz, offset.rpy) if offset.is_moved else None
-    return FreeBody(pose), FreeBody(pose, moved)
+    return FreeCameraKinematics(pose), FreeCameraKinematics(pose, moved)
 
 
 def make_calibrated_kinematics(
-    context: SetupContext, pose: np.ndarray, control: Arm | FreeBody
-) -> dict[str, FreeBody | CameraKinematics]:
+    context: RunSetup, pose: np.ndarray, control: Arm | FreeCameraKinematics
+) -> dict[str, FreeCameraKinematics | CameraKinematics]:
     """Return the kinematics, as the controller knows them, of all cameras but the control camera.
 
     Args:
         pose: true world_T_camera (4, 4) of the control camera at the goal.
         control: kinematics of the control camera, as the controller knows them.
     """
-    others: dict[str, FreeBody | CameraKinematics] = {}
+    others: dict[str, FreeCameraKinematics | CameraKinematics] = {}
     for name in list(context.needs)[1:]:
         if not context.has_free_camera:
             others[name] = context.robot.make_camera_kinematics(name, control, is_calibrated=True)
@@ -252,19 +254,19 @@ def make_calibrated_kinematics(
         others[name] = (
             FixedCameraKinematics(calibrated)
             if placement.is_fixed
-            else FreeBody(pose, calibrated)
+            else FreeCameraKinematics(pose, calibrated)
         )
     return others
 
 
-def make_postures(context: SetupContext) -> Postures:
+def make_postures(context: RunSetup) -> PostureSearch:
     """Make the object that finds postures of the arm for a given pose of the control camera."""
     from ..experiment.worlds import find_world_path
-    from .postures import Postures
+    from .posture_search import PostureSearch
 
     experiment, control = context.experiment, context.control_camera
     solid = experiment.plant == "bullet"
-    return Postures.for_robot(
+    return PostureSearch.for_robot(
         context.robot, control, context.find_target_spec(control.name), solid
         and experiment.has_images,
         solid, find_world_path(experiment, context.robot.packages),
@@ -272,7 +274,7 @@ def make_postures(context: SetupContext) -> Postures:
 
 
 def find_goal_joints(
-    context: SetupContext, postures: Postures | None, location: GoalLocation
+    context: RunSetup, postures: PostureSearch | None, location: GoalLocation
 ) -> np.ndarray | None:
     """Return the joint positions (n,) at the goal.
 
@@ -284,7 +286,7 @@ def find_goal_joints(
     return find_joints(postures, location.pose)
 
 
-def find_joints(postures: Postures | None, pose: np.ndarray) -> np.ndarray | None:
+def find_joints(postures: PostureSearch | None, pose: np.ndarray) -> np.ndarray | None:
     """Return joint positions (n,) that put the camera at a pose; None if there are none.
 
     pose: world_T_camera (4, 4) of the control camera.
@@ -298,13 +300,13 @@ def find_joints(postures: Postures | None, pose: np.ndarray) -> np.ndarray | Non
 
 
 def make_goal(
-    context: SetupContext,
+    context: RunSetup,
     location: GoalLocation,
     joints: np.ndarray | None,
-    postures: Postures | None,
-    arm: Arm | FreeBody,
-    calibrated_arm: Arm | FreeBody,
-    calibrated_others: Mapping[str, CameraKinematics | FreeBody],
+    postures: PostureSearch | None,
+    arm: Arm | FreeCameraKinematics,
+    calibrated_arm: Arm | FreeCameraKinematics,
+    calibrated_others: Mapping[str, CameraKinematics | FreeCameraKinematics],
 ) -> tuple[Goal, np.ndarray]:
     """Return the goal of the loop, and world_T_camera (4, 4) at the goal.
 
@@ -340,7 +342,9 @@ def make_goal(
 
 
 def compute_goal(
-    context: SetupContext, loaded_goal: Goal, arms: Mapping[str, FreeBody | CameraKinematics]
+    context: RunSetup,
+    loaded_goal: Goal,
+    arms: Mapping[str, FreeCameraKinematics | CameraKinematics],
 ) -> Goal | None:
     """Compute the goal of the loop from a goal that was loaded from a file.
 
@@ -362,7 +366,7 @@ def compute_goal(
     return goal
 
 
-def with_calibrated_depths(context: SetupContext, goal: Goal) -> Goal:
+def with_calibrated_depths(context: RunSetup, goal: Goal) -> Goal:
     """Return a goal whose depths are multiplied by the cameras' setting `calibration_offset.depth`.
     """
     scaled = {
@@ -383,7 +387,10 @@ def _scale_depth(goal: Goal, factor: float) -> Goal:
 
 
 def find_start(
-    context: SetupContext, postures: Postures | None, arm: Arm | FreeBody, goal_pose: np.ndarray,
+    context: RunSetup,
+    postures: PostureSearch | None,
+    arm: Arm | FreeCameraKinematics,
+    goal_pose: np.ndarray,
     goal_joints: np.ndarray | None,
 ) -> np.ndarray:
     """Return the joint positions (n,) at the start.
@@ -392,7 +399,7 @@ def find_start(
     """
     start = context.experiment.start
     if isinstance(start, RandomStart):
-        from .sampling import draw_start
+        from .start_sampling import draw_start
 
         near = find_joints(postures, goal_pose)
         near = np.zeros(len(arm.names)) if near is None else near
@@ -414,7 +421,7 @@ def find_start(
     return arm.coordinates(context.arm.pose(joints)) if postures is None else joints
 
 
-def read_start_joints(context: SetupContext) -> np.ndarray:
+def read_start_joints(context: RunSetup) -> np.ndarray:
     """Return the joint positions (n,) of a start that is given by a name or by joint positions."""
     joints = find_start_joints(context.experiment.start, context.arm, context.settings.package)
     if joints is None:
@@ -424,7 +431,7 @@ def read_start_joints(context: SetupContext) -> np.ndarray:
 
 
 def check_postures(
-    context: SetupContext, postures: Postures | None, goal: np.ndarray | None, start: np.ndarray,
+    context: RunSetup, postures: PostureSearch | None, goal: np.ndarray | None, start: np.ndarray,
     is_given: bool,
 ) -> tuple[str, ...]:
     """Log warnings about occlusions and collisions of the arm at goal and start, and return them.
@@ -445,13 +452,13 @@ def check_postures(
     return tuple(notes)
 
 
-def make_servo(context: SetupContext, calibrated_arm: Arm | FreeBody, goal: Goal) -> Servo:
+def make_servo(context: RunSetup, calibrated_arm: Arm | FreeCameraKinematics, goal: Goal) -> Servo:
     """Make the control loop; on the plant 'ideal', it executes the scheme's twist exactly."""
     differential_ik = None
     if context.experiment.plant == "ideal":
-        from ..plants.ideal import ExactIK
+        from ..plants.ideal_camera import IdealCameraIK
 
-        differential_ik = ExactIK(
+        differential_ik = IdealCameraIK(
             calibrated_arm, context.control_camera.rate, context.experiment.ideal.speed
         )
     return context.settings.make_servo(
@@ -459,7 +466,7 @@ def make_servo(context: SetupContext, calibrated_arm: Arm | FreeBody, goal: Goal
     )
 
 
-def make_plant(context: SetupContext, arm: Arm | FreeBody, start: np.ndarray) -> Plant:
+def make_plant(context: RunSetup, arm: Arm | FreeCameraKinematics, start: np.ndarray) -> Plant:
     """Make the plant, with the arm at the joint positions `start` (n,)."""
     experiment = context.experiment
     if experiment.plant == "bullet":
@@ -467,10 +474,10 @@ def make_plant(context: SetupContext, arm: Arm | FreeBody, start: np.ndarray) ->
 
         return make_dynamic_arm(context, start)
     if experiment.plant == "ideal":
-        from ..plants.ideal import IdealCamera
+        from ..plants.ideal_camera import IdealCamera
 
         offset = experiment.calibration_offset
-        body = FreeBody(arm.origin, matrix_from_xyz_rpy(offset.xyz, offset.rpy))
+        body = FreeCameraKinematics(arm.origin, matrix_from_xyz_rpy(offset.xyz, offset.rpy))
         return IdealCamera(
             arm,
             body,

@@ -16,9 +16,9 @@ from ..experiment.experiment import Experiment
 from ..experiment.robots import TARGET_LINK_PREFIX
 from ..experiment.worlds import read_surroundings
 from ..plants.dynamic_arm import OCCLUDER, TARGET, DynamicArm, TargetLink, TargetModel
-from ..targets.files import OCCLUDER_HEIGHT, write_description, write_occluder
+from ..targets.target_files import OCCLUDER_HEIGHT, write_description, write_occluder
 from .imaging_setup import make_imaging_settings, make_rendered_settings
-from .setup_context import SetupContext
+from .run_setup import RunSetup
 
 # Keys of an experiment that do not change the image of its goal, which has no random effects.
 WITHOUT_GOAL_IMAGE = (
@@ -57,7 +57,7 @@ def find_mounted_targets(experiment: Experiment) -> dict[str, MountedTarget]:
 
 
 def make_dynamic_arm(
-    context: SetupContext, start: np.ndarray, is_teaching: bool = False
+    context: RunSetup, start: np.ndarray, is_teaching: bool = False
 ) -> DynamicArm:
     """Make the simulated arm at the joint positions `start` (n,), rad or m.
 
@@ -87,7 +87,7 @@ def make_dynamic_arm(
     )  # fmt: skip
 
 
-def take_goal_images(context: SetupContext, joints: np.ndarray) -> Mapping[str, Frame]:
+def take_goal_images(context: RunSetup, joints: np.ndarray) -> Mapping[str, Frame]:
     """Return the images of `take_first_images`, from an earlier run with the same goal if possible.
     """
     if context.goal_images is None:
@@ -101,7 +101,7 @@ def take_goal_images(context: SetupContext, joints: np.ndarray) -> Mapping[str, 
     return context.goal_images.get(key, partial(take_first_images, context, joints))
 
 
-def take_first_images(context: SetupContext, joints: np.ndarray) -> dict[str, Frame]:
+def take_first_images(context: RunSetup, joints: np.ndarray) -> dict[str, Frame]:
     """Take one image with each camera that the loop reads, with the arm at `joints` (n,).
 
     Returns:
@@ -130,7 +130,7 @@ def take_first_images(context: SetupContext, joints: np.ndarray) -> dict[str, Fr
     )
 
 
-def _make_target_models(context: SetupContext, is_teaching: bool) -> tuple[TargetModel, ...]:
+def _make_target_models(context: RunSetup, is_teaching: bool) -> tuple[TargetModel, ...]:
     """Return the models to spawn in the simulated world: targets and the occluder.
 
     Targets that are on a link of the robot or in its description are omitted.

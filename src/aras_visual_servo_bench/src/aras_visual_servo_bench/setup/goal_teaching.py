@@ -9,26 +9,26 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from aras_visual_servo_base.poses import inverse, relative_pose
+from aras_visual_servo_camera.camera_model import normalise_pixels
 from aras_visual_servo_camera.polygons import signed_area
-from aras_visual_servo_camera.undistortion import normalise_pixels
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.observation.camera_rig import CameraKinematics
 from aras_visual_servo_controller.observation.feature_observer import observe
 from aras_visual_servo_controller.observation.frame import Frame
 from aras_visual_servo_controller.observation.observation import SEGMENTED, Need, Observation
 
-from ..errors import ExperimentError, ViewError
+from ..errors import ExperimentError, OutOfViewError
 from ..experiment import cameras
-from ..plants.free_body import FreeBody
+from ..plants.free_camera_kinematics import FreeCameraKinematics
 from ..plants.imaging import capture
 from ..targets.geometry import PlacedTarget
 from .imaging_setup import make_imaging_settings
-from .setup_context import SetupContext
+from .run_setup import RunSetup
 
 if TYPE_CHECKING:
     from aras_visual_servo_controller.kinematics import Arm
 
-    from .postures import Postures
+    from .posture_search import PostureSearch
 
 # Data that are measured in a rendered image when a goal is taught. Systematic errors of the image
 # processing are then the same at the goal and during the run, so they do not affect the result.
@@ -40,7 +40,7 @@ SUSPICIOUS_LENGTH = 1.0  # length of a solid from which its file is assumed to b
 VIEW_REMEDY = "give a goal from which the camera sees the target, or move the target"
 
 
-def check_view(context: SetupContext, pose: np.ndarray) -> None:
+def check_view(context: RunSetup, pose: np.ndarray) -> None:
     """Check that the target is in view of each camera that the scheme reads.
 
     pose: world_T_camera (4, 4) of the control camera.
@@ -55,7 +55,7 @@ def check_view(context: SetupContext, pose: np.ndarray) -> None:
             outline = target.shape.outline(
                 target.target_T_camera(context.compute_camera_pose(name, pose))
             )
-        except ViewError as error:
+        except OutOfViewError as error:
             where = f" (camera '{name}')" if several else ""
             raise ExperimentError(
                 f"goal: {error}{where}; {_suggest_scale(target) or VIEW_REMEDY}"
@@ -86,7 +86,7 @@ def check_view(context: SetupContext, pose: np.ndarray) -> None:
         )
 
 
-def needs_images(context: SetupContext) -> bool:
+def needs_images(context: RunSetup) -> bool:
     """Return True if the goal is taught with rendered images."""
     experiment = context.experiment
     if experiment.plant != "bullet" or not experiment.has_images:
@@ -105,9 +105,14 @@ def needs_images(context: SetupContext) -> bool:
 
 
 def show_goal(
-    context: SetupContext, pose: np.ndarray, name: str, joints: np.ndarray | None,
-    postures: Postures | None, arm: Arm | FreeBody, calibrated_arm: Arm | FreeBody,
-    others: Mapping[str, CameraKinematics | FreeBody],
+    context: RunSetup,
+    pose: np.ndarray,
+    name: str,
+    joints: np.ndarray | None,
+    postures: PostureSearch | None,
+    arm: Arm | FreeCameraKinematics,
+    calibrated_arm: Arm | FreeCameraKinematics,
+    others: Mapping[str, CameraKinematics | FreeCameraKinematics],
 ) -> Goal:
     """Teach a goal at a camera pose, with rendered images if the features need them.
 
@@ -143,10 +148,10 @@ def show_goal(
 
 
 def teach_goal(
-    context: SetupContext,
+    context: RunSetup,
     pose: np.ndarray,
     mountings: Mapping[str, np.ndarray],
-    other_kinematics: Mapping[str, CameraKinematics | FreeBody],
+    other_kinematics: Mapping[str, CameraKinematics | FreeCameraKinematics],
     images: Mapping[str, Frame],
     name: str,
     joints: Mapping[str, float],
@@ -191,7 +196,7 @@ def teach_goal(
     return replace(Goal.teach(context.scheme, observation, name, depth), joints=dict(joints))
 
 
-def _check_is_target(context: SetupContext, observation: Observation, pose: np.ndarray) -> None:
+def _check_is_target(context: RunSetup, observation: Observation, pose: np.ndarray) -> None:
     """Check that the target detected in an image is at the true position of the target.
 
     pose: true world_T_camera (4, 4) of the camera.

@@ -22,7 +22,7 @@ from ..experiment.experiment import Experiment
 from ..experiment.unused_settings import FEATURE_EFFECTS
 from ..plants.imaging import ImagingSettings
 from ..targets.target_spec import TargetSpec
-from .setup_context import SetupContext
+from .run_setup import RunSetup
 
 # Prefixes of colour encodings. Without a renderer, a colour image is replaced by a grey one.
 COLOUR_ENCODINGS = ("rgb", "bgr")
@@ -31,7 +31,7 @@ RANDOM_SETTINGS = {"noise_stddev", "shot_noise", "sensor", "drop_probability"}
 
 
 def make_imaging_settings(
-    context: SetupContext, camera: CameraSetup, is_teaching: bool = False
+    context: RunSetup, camera: CameraSetup, is_teaching: bool = False
 ) -> ImagingSettings:
     """Return the imaging settings of a camera whose features or images need no renderer.
 
@@ -95,7 +95,7 @@ def make_imaging_settings(
 
 
 def make_rendered_settings(
-    context: SetupContext, camera: CameraSetup, is_teaching: bool = False
+    context: RunSetup, camera: CameraSetup, is_teaching: bool = False
 ) -> dict[str, Any]:
     """Return the settings of a camera with rendered images, instead of those in the description.
 

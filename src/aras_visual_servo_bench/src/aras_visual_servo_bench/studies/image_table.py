@@ -37,7 +37,7 @@ _LIST = pa.list_(pa.float64())
 
 
 @dataclass(frozen=True)
-class ImageColumn:
+class ImageTableColumn:
     """Column of the table of images.
 
     kind: type of the values.
@@ -47,38 +47,40 @@ class ImageColumn:
     meaning: str
 
 
-NUMBER_COLUMNS: Mapping[str, ImageColumn] = {
-    "run": ImageColumn(pa.int64(), "number of the run, as in parts/"),
-    "image": ImageColumn(pa.int64(), "number of the image in its run, from 0"),
-    "stamp": ImageColumn(pa.float64(), "time of the exposure, s of simulated time"),
-    "phase": ImageColumn(pa.string(), "phase of the control loop"),
-    "features": ImageColumn(_LIST, "measured features s; NaN without a measurement"),
-    "error": ImageColumn(_LIST, "s - s*"),
-    "desired_twist": ImageColumn(
+NUMBER_COLUMNS: Mapping[str, ImageTableColumn] = {
+    "run": ImageTableColumn(pa.int64(), "number of the run, as in parts/"),
+    "image": ImageTableColumn(pa.int64(), "number of the image in its run, from 0"),
+    "stamp": ImageTableColumn(pa.float64(), "time of the exposure, s of simulated time"),
+    "phase": ImageTableColumn(pa.string(), "phase of the control loop"),
+    "features": ImageTableColumn(_LIST, "measured features s; NaN without a measurement"),
+    "error": ImageTableColumn(_LIST, "s - s*"),
+    "desired_twist": ImageTableColumn(
         _LIST, "camera twist (6) that the scheme commands, in the optical "
         "frame, m/s and rad/s"),
-    "achieved_twist": ImageColumn(
+    "achieved_twist": ImageTableColumn(
         _LIST, "camera twist (6) that the commanded joint velocities "
         "produce, in the optical frame, m/s and rad/s"),
-    "joints": ImageColumn(_LIST, "joint positions measured at the exposure, rad or m"),
-    "pose": ImageColumn(_LIST, "true world_T_camera at the exposure (16), 4 x 4 row by row, m"),
-    "camera_T_goal": ImageColumn(
+    "joints": ImageTableColumn(_LIST, "joint positions measured at the exposure, rad or m"),
+    "pose": ImageTableColumn(
+        _LIST, "true world_T_camera at the exposure (16), 4 x 4 row by row, m"
+    ),
+    "camera_T_goal": ImageTableColumn(
         _LIST, "true camera_T_goal (16), the goal pose of the camera in its "
         "present frame, 4 x 4 row by row, m"),
-    "camera_T_target": ImageColumn(
+    "camera_T_target": ImageTableColumn(
         _LIST, "true pose of the target in the camera's frame (16), 4 x 4 "
         "row by row"),
 }  # fmt: skip
 
 
-def list_columns(study: Study) -> dict[str, ImageColumn]:
+def list_columns(study: Study) -> dict[str, ImageTableColumn]:
     """Return the columns of the table of a study's images, by name."""
     columns, several = dict(NUMBER_COLUMNS), _find_cameras(study) != (CAMERA,)
     for name in _find_cameras(study) if study.pictures != "none" else ():
         end, of = (f"_{name}", f" of camera {name}") if several else ("", "")
-        columns[f"picture{end}"] = ImageColumn(pa.binary(), f"image{of}, bytes of a PNG file")
+        columns[f"picture{end}"] = ImageTableColumn(pa.binary(), f"image{of}, bytes of a PNG file")
         if study.depth:
-            columns[f"depth{end}"] = ImageColumn(
+            columns[f"depth{end}"] = ImageTableColumn(
                 pa.binary(), f"depth image{of}, bytes of a 16-bit PNG file: depth along the "
                 f"optical axis in steps of {1e3 * DEPTH_STEP:g} mm, or 0 if no surface is within "
                 f"{_FARTHEST:.1f} m")  # fmt: skip

@@ -20,9 +20,9 @@ from aras_visual_servo_base.settings import describe_unknown_key
 from aras_visual_servo_base.yaml_files import read_yaml
 
 from ..errors import StudyError, make_missing_library_error, read_first_line
-from . import rows, versions, work
-from .defaults import CHUNKS_BEFORE_RESTART
-from .work import StudyTask
+from . import chunk_execution, run_rows, versions
+from .chunk_execution import StudyChunk
+from .cli_defaults import CHUNKS_BEFORE_RESTART
 
 ANSWER_TIMEOUT = 10.0  # longest time within which a scheduler has to answer, s
 # time without any worker, at the start or later, after which a study fails, s
@@ -42,7 +42,7 @@ MAX_DEATHS = 5
 
 
 # finished chunk of runs with its rows; None instead of the rows if the worker has died
-FinishedChunk = tuple[StudyTask, rows.Rows | None]
+FinishedChunk = tuple[StudyChunk, run_rows.RunRows | None]
 
 
 class Pool(ABC):
@@ -60,7 +60,7 @@ class Pool(ABC):
         """True if another chunk of runs can be submitted now."""
 
     @abstractmethod
-    def submit(self, task: StudyTask) -> None:
+    def submit(self, task: StudyChunk) -> None:
         """Submit a chunk of runs."""
 
     @abstractmethod
@@ -88,21 +88,21 @@ class InProcessPool(Pool):
     """Pool that runs one chunk of runs after the other in this process, for debugging."""
 
     def __init__(self) -> None:
-        self._task: deque[StudyTask] = deque()
+        self._task: deque[StudyChunk] = deque()
 
     @property
     def has_room(self) -> bool:
         """True if the previous chunk is finished."""
         return not self._task
 
-    def submit(self, task: StudyTask) -> None:
+    def submit(self, task: StudyChunk) -> None:
         """Store a chunk of runs; `wait_for_chunk` executes it."""
         self._task.append(task)
 
     def wait_for_chunk(self) -> FinishedChunk:
         """Execute the submitted chunk of runs, and return its rows."""
         task = self._task.popleft()
-        return task, work.carry_out(task)
+        return task, chunk_execution.carry_out(task)
 
 
 class DaskPool(Pool):
@@ -152,7 +152,7 @@ class DaskPool(Pool):
         except BaseException:
             self.close()
             raise
-        self._tasks: dict[Any, StudyTask] = {}
+        self._tasks: dict[Any, StudyChunk] = {}
         self._deaths: dict[int, int] = {}
         self._chunks_since_restart = 0
         self._finished = self._distributed.as_completed(
@@ -177,12 +177,12 @@ class DaskPool(Pool):
             self._chunks_since_restart = 0
         return len(self._tasks) < 2 * max(self.workers, self._max_workers)
 
-    def submit(self, task: StudyTask) -> None:
+    def submit(self, task: StudyChunk) -> None:
         """Send a chunk of runs to a worker."""
         tries = self._deaths.get(task.chunk, 0)
         try:
             future = self.client.submit(
-                work.carry_out, replace(task, is_isolated=tries > 0 or task.is_isolated),
+                chunk_execution.carry_out, replace(task, is_isolated=tries > 0 or task.is_isolated),
                 key=f"chunk-{task.chunk}-{tries}",
             )  # fmt: skip
         except Exception as error:
@@ -354,7 +354,7 @@ def _configure_dask() -> Any:
         raise make_missing_library_error(error.name, "studies") from None
 
     dask.config.set({
-        "distributed.nanny.pre-spawn-environ": work.ONE_THREAD,
+        "distributed.nanny.pre-spawn-environ": chunk_execution.ONE_THREAD,
         "distributed.scheduler.allowed-failures": 0,
         "distributed.scheduler.work-stealing": False,
         "distributed.scheduler.worker-saturation": 1.0,

@@ -11,7 +11,7 @@ import numpy as np
 from aras_visual_servo_base.poses import exponential, logarithm, relative_pose, xyz_rpy_from_matrix
 from aras_visual_servo_controller.errors import UnreachableError
 from aras_visual_servo_controller.goals.goal import REACH_TOLERANCE
-from aras_visual_servo_controller.records.remedy import Change, Remedy
+from aras_visual_servo_controller.records.remedy import Remedy, SettingChange
 from aras_visual_servo_controller.settings import ControllerSettings
 
 from ..errors import ExperimentError
@@ -49,7 +49,7 @@ def apply_remedy(experiment: Experiment, remedy: Remedy) -> Experiment:
     return changed
 
 
-def _apply_change(experiment: Experiment, change: Change) -> Experiment:
+def _apply_change(experiment: Experiment, change: SettingChange) -> Experiment:
     if change.operation == "multiply" and change.key in SCALE_FUNCTIONS:
         return SCALE_FUNCTIONS[change.key](experiment, float(change.value))
     key, values = _to_experiment_key(change.key), experiment.to_mapping()

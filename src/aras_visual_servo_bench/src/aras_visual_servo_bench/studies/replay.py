@@ -15,7 +15,7 @@ from ..recording.film import make_image, with_images
 from ..recording.run import Run
 from ..runner.loop import Loop
 from ..setup.assembly import assemble
-from . import rows
+from . import run_rows
 from .columns import LABEL_COLUMNS
 from .study_folder import StudyFolder
 from .versions import read_commit, read_versions
@@ -45,7 +45,7 @@ def replay(
         )
     try:
         run = run_with_all_images(study.make_experiment(number))
-        new = {**rows.make_blank_row(study, number), **rows.make_result_columns(study, run)}
+        new = {**run_rows.make_blank_row(study, number), **run_rows.make_result_columns(study, run)}
     except ExperimentError as error:
         raise StudyError(f"run {number}: {error}") from error
     except Exception as error:  # an unexpected exception, usually from the user's scheme or metric

@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from pyarrow.csv import write_csv
 
-from aras_visual_servo_base.lazy import import_later
+from aras_visual_servo_base.lazy_imports import import_later
 from aras_visual_servo_base.names import suggest
 
 from ..errors import StudyError, catch_write_errors
@@ -22,7 +22,7 @@ from ..metrics import metrics
 from ..metrics.formatting import format_count, format_rows
 from ..metrics.metrics import Metric
 from ..metrics.run_tables import import_pandas
-from . import rows
+from . import run_rows
 from . import study_folder as folders
 from .columns import LABEL_COLUMNS, find_column_name
 from .study import Study
@@ -45,7 +45,7 @@ RELATIVE_TOLERANCE = 0.01
 
 
 def is_met(value: Any, published: Any) -> bool:
-    """Return True if a value agrees with a published value by the rules of `Case.published`."""
+    """Return whether a value agrees with a published one by the rules of VariationCase."""
     if value is None or isinstance(value, str) or isinstance(published, str):
         return value == published
     if isinstance(published, list | tuple):
@@ -260,7 +260,7 @@ class Results:
         judged = find_column_name(self.study.judged)
         if judged in self.table.column_names:
             return (self.read_numbers(judged) == 1.0).astype(float)
-        is_failure = pc.is_in(self._find_column("outcome"), pa.array(rows.FAILURES))
+        is_failure = pc.is_in(self._find_column("outcome"), pa.array(run_rows.FAILURES))
         return _to_numbers(pc.invert(is_failure))
 
     def describe_ends(self) -> list[str]:

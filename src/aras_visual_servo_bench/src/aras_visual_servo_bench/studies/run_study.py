@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from . import engine
+from . import study_execution
 from .pools import DaskPool, InProcessPool
 from .results import Results
 from .study import Study
@@ -43,13 +43,13 @@ def run_study(
     if not isinstance(study, Study):
         mapping = isinstance(study, Mapping)
         study = Study.from_mapping(study) if mapping else Study.from_yaml(study)
-    engine.check_study(study)
+    study_execution.check_study(study)
     text = yaml.safe_dump(study.to_mapping(), sort_keys=False)
     study_folder = StudyFolder.create(Path(folder), study, text)
     study_folder.check_code()
     workers = workers or os.cpu_count() or 1
     with study_folder.lock():
-        engine.run_missing(
+        study_execution.run_missing(
             study_folder,
             lambda: InProcessPool() if workers == 1 else DaskPool(workers),
             sys.stderr if progress else None,

@@ -19,10 +19,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from aras_visual_servo_base.lazy import import_later
+from aras_visual_servo_base.lazy_imports import import_later
 from aras_visual_servo_base.memory import ByteLimitedCache
 from aras_visual_servo_base.names import suggest
-from aras_visual_servo_base.settings import KeywordSettings, build, check, convert, parameter
+from aras_visual_servo_base.settings import SettingsBase, build, check, convert, parameter
 from aras_visual_servo_base.yaml_files import read_yaml
 
 from ..errors import ExperimentError, StudyError
@@ -32,10 +32,10 @@ from ..experiment.overrides import with_override, with_overrides
 from ..metrics import metrics as known_metrics
 from ..metrics.formatting import format_count, format_rows
 from .columns import check_columns
-from .variations import Axis, RandomVariation, draw_values, parse_variation
+from .variations import RandomVariation, VariationAxis, draw_values, parse_variation
 
 if TYPE_CHECKING:
-    from ..setup.setup_context import GoalImages
+    from ..setup.run_setup import GoalImages
 
 # largest number of runs of a study: at most 1e6 chunks, for Dask's scheduler, of 100 runs each
 MAX_RUNS = 100_000_000
@@ -49,7 +49,7 @@ DESCRIPTIVE_KEYS = ("source", "chosen", "judged")
 
 
 @dataclass(frozen=True)
-class Case:
+class VariationCase:
     """Case of a named axis, that is, one of the sets of settings that the axis contains.
 
     name: name of the case.
@@ -84,7 +84,7 @@ class Combination:
 
 
 @dataclass(frozen=True)
-class Study(KeywordSettings):
+class Study(SettingsBase):
     """Settings of a study: a base experiment, variations of its settings, repetitions and a seed.
 
     `run` runs the study and returns its `Results`. The results are always bit-identical, even after
@@ -280,13 +280,13 @@ class Study(KeywordSettings):
             return dataclasses.replace(run_study(self, folder, workers, progress), name="study")
 
     @cached_property
-    def _variations(self) -> tuple[Axis | RandomVariation, ...]:
+    def _variations(self) -> tuple[VariationAxis | RandomVariation, ...]:
         return tuple(parse_variation(str(key), given) for key, given in self.vary.items())
 
     @cached_property
-    def axes(self) -> tuple[Axis, ...]:
+    def axes(self) -> tuple[VariationAxis, ...]:
         """Settings that vary over a list of values; all their combinations form the grid."""
-        return tuple(v for v in self._variations if isinstance(v, Axis))
+        return tuple(v for v in self._variations if isinstance(v, VariationAxis))
 
     @cached_property
     def random_variations(self) -> tuple[RandomVariation, ...]:
@@ -294,7 +294,7 @@ class Study(KeywordSettings):
         return tuple(v for v in self._variations if isinstance(v, RandomVariation))
 
     @cached_property
-    def case_axes(self) -> dict[str, tuple[Case, ...]]:
+    def case_axes(self) -> dict[str, tuple[VariationCase, ...]]:
         """Cases of each named axis, by the name of the axis; {} if there are no named axes."""
         return _parse_axes(self.cases) if isinstance(self.cases, Mapping) else {}
 
@@ -422,7 +422,7 @@ class Study(KeywordSettings):
             raise StudyError(str(error)) from error
 
 
-def _parse_axes(cases: Mapping[str, Any]) -> dict[str, tuple[Case, ...]]:
+def _parse_axes(cases: Mapping[str, Any]) -> dict[str, tuple[VariationCase, ...]]:
     """Parse named axes of cases.
 
     Raises:
@@ -430,7 +430,9 @@ def _parse_axes(cases: Mapping[str, Any]) -> dict[str, tuple[Case, ...]]:
     """
     axes = {}
     for axis, value in cases.items():
-        parsed = axes[str(axis)] = convert(value, tuple[Case, ...], f"cases.{axis}", StudyError)
+        parsed = axes[str(axis)] = convert(
+            value, tuple[VariationCase, ...], f"cases.{axis}", StudyError
+        )
         names = [case.name for case in parsed]
         duplicates = [name for name in names if names.count(name) > 1]
         if not names or duplicates:
@@ -439,7 +441,7 @@ def _parse_axes(cases: Mapping[str, Any]) -> dict[str, tuple[Case, ...]]:
     return axes
 
 
-def _combine_axes(axes: Mapping[str, tuple[Case, ...]]) -> Iterator[Combination]:
+def _combine_axes(axes: Mapping[str, tuple[VariationCase, ...]]) -> Iterator[Combination]:
     """Yield all combinations of cases; a case can replace the axes after its own by its `cases`."""
     if not axes:
         yield Combination({}, {}, {})

@@ -29,7 +29,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from ..errors import StudyError, find_command, read_first_line
-from . import image_table, rows, versions
+from . import image_table, run_rows, versions
 from .study import Study
 
 STUDY, MANIFEST, LOCK = "study.yaml", "manifest.json", ".lock"
@@ -218,7 +218,7 @@ class StudyFolder:
             if c not in stored or not self._is_complete(c, sums)
         ]
 
-    def write_chunk(self, chunk: int, chunk_rows: rows.Rows) -> None:
+    def write_chunk(self, chunk: int, chunk_rows: run_rows.RunRows) -> None:
         """Write the rows of a chunk of runs.
 
         Raises:
@@ -226,7 +226,7 @@ class StudyFolder:
         """
         with _catch_write_errors(self.path):
             self._write_table(
-                TIMES, chunk, pa.Table.from_pylist(chunk_rows.times, schema=rows.TIMES_SCHEMA)
+                TIMES, chunk, pa.Table.from_pylist(chunk_rows.times, schema=run_rows.TIMES_SCHEMA)
             )
             if self.study.has_image_rows:
                 table = pa.Table.from_pylist(
@@ -236,7 +236,7 @@ class StudyFolder:
             # The file of results is written last, because its existence marks the chunk as
             # finished.
             self._write_table(
-                PARTS, chunk, rows.make_table(self.study, chunk_rows.values, self.labels)
+                PARTS, chunk, run_rows.make_table(self.study, chunk_rows.values, self.labels)
             )
 
     def finish(self) -> None:

@@ -38,7 +38,7 @@ MAX_VALUES = 1_000_000
 
 
 @dataclass(frozen=True)
-class Axis:
+class VariationAxis:
     """Setting of a study with a list of values."""
 
     key: str
@@ -59,7 +59,7 @@ class RandomVariation:
     ends: tuple[Any, ...]
 
 
-def parse_variation(key: str, value: Any) -> Axis | RandomVariation:
+def parse_variation(key: str, value: Any) -> VariationAxis | RandomVariation:
     """Parse the value of a key under `vary`.
 
     Raises:
@@ -68,7 +68,7 @@ def parse_variation(key: str, value: Any) -> Axis | RandomVariation:
     if isinstance(value, list | tuple):
         if not value:
             raise StudyError(f"vary.{key} is an empty list: give at least one value")
-        return Axis(key, tuple(value))
+        return VariationAxis(key, tuple(value))
     if not (isinstance(value, Mapping) and len(value) == 1):
         raise StudyError(
             f"vary.{key} is {value!r}, must be a list of values, or numbers under one of the keys "
@@ -98,14 +98,14 @@ def _parse_range(
     return low, high
 
 
-def _parse_grid(key: str, kind: str, value: Any) -> Axis:
+def _parse_grid(key: str, kind: str, value: Any) -> VariationAxis:
     first, last, count = _parse_numbers(key, kind, value, 3)
     if not (count == int(count) and 2 <= count <= MAX_VALUES):
         raise StudyError(f"vary.{key}.{kind}: count is {count:g}, must be from 2 to {MAX_VALUES}")
     if kind == "log" and min(first, last) <= 0.0:
         raise StudyError(f"vary.{key}.log: both ends must be above 0")
     make = np.geomspace if kind == "log" else np.linspace
-    return Axis(key, tuple(make(first, last, int(count)).tolist()))
+    return VariationAxis(key, tuple(make(first, last, int(count)).tolist()))
 
 
 def _parse_uniform(key: str, kind: str, value: Any) -> RandomVariation:
@@ -152,7 +152,7 @@ def _parse_choice(key: str, kind: str, value: Any) -> RandomVariation:
     )
 
 
-_PARSERS: dict[str, Callable[[str, str, Any], Axis | RandomVariation]] = {
+_PARSERS: dict[str, Callable[[str, str, Any], VariationAxis | RandomVariation]] = {
     "linear": _parse_grid,
     "log": _parse_grid,
     "uniform": _parse_uniform,

@@ -2,16 +2,16 @@
 
 from .geometry import (
     ARAS,
-    BoxesTarget,
-    Motion,
     PlacedTarget,
+    PlatesTarget,
     PolygonTarget,
     RoundTarget,
     Target,
+    TargetMotion,
     project,
 )
 
 __all__ = [
-    "ARAS", "BoxesTarget", "Motion", "PlacedTarget", "PolygonTarget", "RoundTarget", "Target",
-    "project",
+    "ARAS", "PlacedTarget", "PlatesTarget", "PolygonTarget", "RoundTarget", "Target",
+    "TargetMotion", "project",
 ]  # fmt: skip

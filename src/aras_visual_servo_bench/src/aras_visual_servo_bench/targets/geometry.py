@@ -25,7 +25,7 @@ from aras_visual_servo_controller.observation.target_geometry import (
     unite_star_shapes,
 )
 
-from ..errors import ExperimentError, ViewError, require
+from ..errors import ExperimentError, OutOfViewError, require
 
 ROUNDING = 1e-12  # maximum rounding error of a point on the edge of a box, m
 # largest change of an element of a pose matrix at which the body counts as at rest
@@ -53,7 +53,7 @@ class Target(ABC):
         The coordinates are normalised image coordinates.
 
         Raises:
-            ViewError: the target is behind the camera.
+            OutOfViewError: the target is behind the camera.
         """
 
     @abstractmethod
@@ -66,7 +66,7 @@ class Target(ABC):
         Return None if the target has no such points.
 
         Raises:
-            ViewError: a corner is behind the camera.
+            OutOfViewError: a corner is behind the camera.
         """
         return project(self.vertices(), target_T_camera)
 
@@ -90,13 +90,13 @@ class Target(ABC):
         The interaction matrix of image moments depends on this plane.
 
         Raises:
-            ViewError: the points of the outline do not determine a plane.
+            OutOfViewError: the points of the outline do not determine a plane.
         """
         return self.plane(target_T_camera)
 
 
 @dataclass(frozen=True, eq=False)
-class BoxesTarget(Target):
+class PlatesTarget(Target):
     """Target that consists of one thin box, or of two thin boxes whose images overlap."""
 
     geometry: TargetGeometry
@@ -106,7 +106,7 @@ class BoxesTarget(Target):
         try:
             return self.geometry.compute_outline(target_T_camera)
         except ServoError as error:
-            raise ViewError(str(error)) from error
+            raise OutOfViewError(str(error)) from error
 
     def vertices(self) -> np.ndarray:
         """Return the corners (n, 3) of the union of the upper faces of all boxes."""
@@ -168,7 +168,7 @@ class RoundTarget(PolygonTarget):
 
 # Target of the demo in the frame base_link, with the values of robots/aras_visual_servo.urdf. The
 # top of the table is the plane z = 0.59, so the lower half of the square plate is inside the table.
-ARAS = BoxesTarget(
+ARAS = PlatesTarget(
     TargetGeometry.from_values(
         np.array(
             [
@@ -183,7 +183,7 @@ ARAS = BoxesTarget(
 
 
 @dataclass(frozen=True)
-class Motion:
+class TargetMotion:
     """Motion of a target: the sum of a constant twist, a sine, a circle, steps and a path.
 
     velocity: constant twist (vx, vy, vz, wx, wy, wz) of the target's origin, in world axes, m/s and
@@ -321,7 +321,7 @@ class PlacedTarget:
 
     shape: Target
     pose: np.ndarray
-    motion: Motion = Motion()
+    motion: TargetMotion = TargetMotion()
     pose_history: PoseHistory | None = None
 
     def world_T_target(self, time: float) -> np.ndarray:
@@ -368,7 +368,7 @@ class PlacedTarget:
             return None
         try:
             return function(self.target_T_camera(pose, time))
-        except ViewError:
+        except OutOfViewError:
             return None
 
 
@@ -377,7 +377,7 @@ def project(points, frame_T_camera):
     """Project points (n, 3) in a frame to normalised image coordinates (n, 2).
 
     Raises:
-        ViewError: a point is behind the camera or closer than MIN_DEPTH.
+        OutOfViewError: a point is behind the camera or closer than MIN_DEPTH.
     """
     projected = np.empty((len(points), 2))
     for k in range(len(points)):
@@ -386,7 +386,7 @@ def project(points, frame_T_camera):
         z = points[k, 2] - frame_T_camera[2, 3]
         depth = x * frame_T_camera[0, 2] + y * frame_T_camera[1, 2] + z * frame_T_camera[2, 2]
         if depth < MIN_DEPTH:
-            raise ViewError("the target is behind the camera, so it cannot be projected")
+            raise OutOfViewError("the target is behind the camera, so it cannot be projected")
         for i in range(2):
             projected[k, i] = (
                 x * frame_T_camera[0, i] + y * frame_T_camera[1, i] + z * frame_T_camera[2, i]

@@ -12,10 +12,10 @@ from aras_sim_bridge.rendering import Lighting, View, create_renderer
 from aras_sim_bridge.rendering.renderer import Renderer
 from aras_sim_bridge.rendering.tiles import Tiles, get_shared_tiles
 from aras_visual_servo_base.poses import IDENTITY, Pose
-from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_camera.camera_model import CameraModel
 
-from .files import write_target
 from .geometry import MIN_DEPTH, Target
+from .target_files import write_target
 from .target_spec import Vector2
 from .temporary_folders import make_scratch_folder
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from aras_sim_bridge.description.shapes import make_meshes
+from aras_sim_bridge.description.shape_meshes import make_meshes
 from aras_sim_bridge.description.types import Geometry
 from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.meshes import files
@@ -18,7 +18,7 @@ from aras_visual_servo_camera.model_tracker import Solid
 from aras_visual_servo_camera.model_tracker.solid import read_triangles
 from aras_visual_servo_camera.silhouette import find_silhouette_points, fit_outline_plane
 
-from ..errors import ExperimentError, ViewError, require
+from ..errors import ExperimentError, OutOfViewError, require
 from .geometry import Target, project
 from .temporary_folders import make_scratch_folder
 
@@ -65,13 +65,13 @@ class SolidTarget(Target):
         try:
             return fit_outline_plane(self._to_camera_frame(target_T_camera), self.path.name)
         except TrackingModelError as error:
-            raise ViewError(str(error)) from error
+            raise OutOfViewError(str(error)) from error
 
     def _to_camera_frame(self, target_T_camera: np.ndarray) -> np.ndarray:
         """Return the vertices (n, 3) of the convex hull in the camera frame, m.
 
         Raises:
-            ViewError: a vertex is behind the camera.
+            OutOfViewError: a vertex is behind the camera.
         """
         project(self._hull_vertices, target_T_camera)
         return (self._hull_vertices - target_T_camera[:3, 3]) @ target_T_camera[:3, :3]

@@ -13,7 +13,7 @@ from aras_visual_servo_base.settings import check, parameter
 from aras_visual_servo_camera.errors import VisionError
 
 from ..errors import ExperimentError, require
-from .geometry import Motion, PlacedTarget, PoseHistory
+from .geometry import PlacedTarget, PoseHistory, TargetMotion
 from .shapes import SHAPES
 from .target_factory import find_shape, is_solid, list_parameters, make_target
 
@@ -36,7 +36,7 @@ def check_times(intervals: tuple[Vector2, ...] | None, name: str) -> None:
 
 
 @dataclass(frozen=True)
-class BoxSpec:
+class SupportBoxSpec:
     """Movable box under a target, which can be pushed and grasped.
 
     size: size along the x, y and z axes of the target frame, m; the target lies on its top face.
@@ -86,11 +86,11 @@ class TargetSpec:
     shape: str | tuple[Vector2, ...] = parameter("aras", shorthand=True, importable=True)
     size: tuple[float, ...] | None = parameter(None, "m", above=0.0)
     pose: PoseValues = (0.0,) * 6
-    motion: Motion = Motion()
+    motion: TargetMotion = TargetMotion()
     occluder: tuple[Vector2, Vector2] | None = None
     occluded: tuple[Vector2, ...] | None = None
     perturbed: bool = False
-    box: BoxSpec | None = None
+    box: SupportBoxSpec | None = None
     model: str = ""
     link: str = ""
     scale: float | None = parameter(None, above=0.0)
@@ -174,7 +174,7 @@ class TargetSpec:
         )
         in_description = self.shape == "aras" or self.is_in_description
         require(
-            self.box is None or not in_description and self.motion == Motion(),
+            self.box is None or not in_description and self.motion == TargetMotion(),
             "target.box needs a target with a pose, without motion, and with a shape other than "
             "'aras': change the target, or leave out target.box",
         )

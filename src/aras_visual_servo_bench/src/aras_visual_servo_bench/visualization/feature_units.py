@@ -7,7 +7,7 @@ from functools import lru_cache
 from typing import Any
 
 from aras_visual_servo_controller.errors import ServoError
-from aras_visual_servo_controller.features.base import DepthFraction
+from aras_visual_servo_controller.features.base import DepthRelativeTolerance
 from aras_visual_servo_controller.settings import ControllerSettings
 
 
@@ -31,7 +31,9 @@ def find_feature_tolerances(
     depth: depth of the target at the goal, m; None if it is unknown.
     """
     return tuple(
-        (None if depth is None else float(t) * depth) if isinstance(t, DepthFraction) else float(t)
+        (None if depth is None else float(t) * depth)
+        if isinstance(t, DepthRelativeTolerance)
+        else float(t)
         for t in _read_attribute(scheme, count, "tolerances")
     )
 

@@ -11,8 +11,8 @@ from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.description.packages import ResolvePackage, find_package
 from aras_visual_servo_base.meshes.mesh import Mesh
 
+from .drawing_shapes import FACES, LINES, DrawingShape, transform_points
 from .robot_visuals import Colour, collect_visuals
-from .shapes import FACES, LINES, Shape, transform_points
 
 # An edge is drawn between two faces if the angle between their normals is at least 30 degrees.
 CREASE_COSINE = np.cos(np.radians(30.0))
@@ -37,17 +37,18 @@ class ModelDrawing:
     edges: np.ndarray
     faces: Mapping[Colour, np.ndarray]
 
-    def make_shapes(self, base_T_link: np.ndarray | None) -> tuple[Shape, ...]:
+    def make_shapes(self, base_T_link: np.ndarray | None) -> tuple[DrawingShape, ...]:
         """Return the shapes of a target whose link has the pose base_T_link (4, 4).
 
         If the pose is None, return a single shape without points, which draws nothing.
         """
         if base_T_link is None:
-            return (Shape("target", LINES, EMPTY_DRAWING.edges, EDGE_COLOUR, EDGE_WIDTH),)
+            return (DrawingShape("target", LINES, EMPTY_DRAWING.edges, EDGE_COLOUR, EDGE_WIDTH),)
         return (
-            Shape("target", LINES, transform_points(base_T_link, self.edges), EDGE_COLOUR,
+            DrawingShape("target", LINES, transform_points(base_T_link, self.edges), EDGE_COLOUR,
                 EDGE_WIDTH),
-            *(Shape(f"target face {k}", FACES, transform_points(base_T_link, corners), colour)
+            *(DrawingShape(f"target face {k}", FACES, transform_points(base_T_link, corners),
+                           colour)
               for k, (colour, corners) in enumerate(self.faces.items())),
         )  # fmt: skip
 

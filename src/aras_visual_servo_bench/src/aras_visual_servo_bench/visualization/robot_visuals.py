@@ -9,7 +9,7 @@ from xml.etree.ElementTree import Element
 import cv2
 
 from aras_sim_bridge.description import Geometry, RobotDescription
-from aras_sim_bridge.description.shapes import make_meshes
+from aras_sim_bridge.description.shape_meshes import make_meshes
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.meshes.mesh import Mesh
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy

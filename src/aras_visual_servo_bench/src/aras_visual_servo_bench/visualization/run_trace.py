@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_controller.kinematics import Arm
 from aras_visual_servo_controller.records.state import (
     CONVERGED,
@@ -22,21 +22,21 @@ from aras_visual_servo_controller.records.state import (
 
 from ..plots.palette import LIVE, to_rgb
 from ..recording.image_tracks import number_points
-from .feature_units import find_feature_units
-from .point_trajectory import PointTrajectory
-from .shapes import (
+from .drawing_shapes import (
     ARROW,
     LINES,
     STRIP,
     TEXT,
+    DrawingShape,
     Rgba,
-    Shape,
     compute_image_border,
     make_axes,
     make_frustum,
     place_on_image_plane,
     transform_points,
 )
+from .feature_units import find_feature_units
+from .point_trajectory import PointTrajectory
 
 GOAL, NOW, PATH, IDEAL, FEATURE = (
     to_rgb(LIVE[name]) for name in ("goal", "now", "path", "ideal", "feature")
@@ -94,7 +94,7 @@ class RunTrace:
         self.outline = np.empty((0, 2))
         self.state = NO_STATE
         self.factor: float | None = None
-        self.target: tuple[Shape, ...] = ()
+        self.target: tuple[DrawingShape, ...] = ()
         self._pose: np.ndarray | None = None
         self._image_border: tuple[CameraModel, np.ndarray] | None = None
         self.clear()
@@ -189,14 +189,14 @@ class RunTrace:
             lines.append(f"real-time factor {self.factor:.2f}")
         return lines
 
-    def make_shapes(self) -> list[Shape]:
+    def make_shapes(self) -> list[DrawingShape]:
         """Return all shapes of the drawing, in the frame of the arm's base.
 
         If a shape is not visible now, such as the arrow of a camera at rest, it has no points.
         """
         shapes = [*self.target, self._make_line("path", self.path, (*PATH, 1.0), 0.006)]
         ideal = self.compute_ideal_path()
-        shapes.append(Shape("ideal path", LINES, ideal, (*IDEAL, 0.9), 0.003))
+        shapes.append(DrawingShape("ideal path", LINES, ideal, (*IDEAL, 0.9), 0.003))
         border = self._find_image_border()
         if self.goal is not None:
             shapes += make_axes("desired", self.goal, 1.4 * AXIS_LENGTH, 0.9)
@@ -213,16 +213,18 @@ class RunTrace:
         shapes += self._make_arrows()
         return shapes + self._make_texts()
 
-    def _make_texts(self) -> list[Shape]:
+    def _make_texts(self) -> list[DrawingShape]:
         """Return the text next to the camera, and above it the legend of the colours."""
         words, place = "\n".join(self.make_text_lines()), (self._pose[:3, 3] + TEXT_OFFSET)[None]
-        shapes = [Shape("words", TEXT, place, (1.0, 1.0, 1.0, 1.0), LETTER_HEIGHT, words)]
+        shapes = [DrawingShape("words", TEXT, place, (1.0, 1.0, 1.0, 1.0), LETTER_HEIGHT, words)]
         # A text is centred on its position, so half of the text's lines are above this position.
         above = 0.5 * (words.count("\n") + 1)
         for line, (text, colour) in enumerate(LEGEND, 1):
             up = (0.0, 0.0, LINE_HEIGHT * (above + line))
             shapes.append(
-                Shape(f"legend {text}", TEXT, place + up, (*colour, 1.0), LETTER_HEIGHT, text)
+                DrawingShape(
+                    f"legend {text}", TEXT, place + up, (*colour, 1.0), LETTER_HEIGHT, text
+                )
             )
         return shapes
 
@@ -233,7 +235,7 @@ class RunTrace:
             self._image_border = self.camera, compute_image_border(self.camera)
         return self._image_border[1]
 
-    def _make_image_shapes(self, border: np.ndarray) -> list[Shape]:
+    def _make_image_shapes(self, border: np.ndarray) -> list[DrawingShape]:
         """Return the features' trajectories and the desired outline, drawn on the image plane.
 
         border: (n, 2) border of the image, from `compute_image_border`.
@@ -252,7 +254,7 @@ class RunTrace:
             shapes.append(self._make_line(f"trajectory {name}", points, (*FEATURE, 1.0), 0.002))
         return shapes
 
-    def _make_arrows(self) -> list[Shape]:
+    def _make_arrows(self) -> list[DrawingShape]:
         state, shapes = self.state, []
         for kind, twist, width, opacity in (
             ("desired", state.desired_twist, 0.008, 1.0),
@@ -267,13 +269,13 @@ class RunTrace:
                     tip = vector * min(1.0, MAX_ARROW / length)
                     points = transform_points(self._pose, np.array([np.zeros(3), tip]))
                 colour = (*to_rgb(LIVE[name]), opacity)
-                shapes.append(Shape(f"{kind} {quantity}", ARROW, points, colour, width))
+                shapes.append(DrawingShape(f"{kind} {quantity}", ARROW, points, colour, width))
         return shapes
 
     @staticmethod
-    def _make_line(name: str, points: np.ndarray, colour: Rgba, width: float) -> Shape:
+    def _make_line(name: str, points: np.ndarray, colour: Rgba, width: float) -> DrawingShape:
         """Return a curve through points (n, 3); the curve is empty if there is only one point."""
-        return Shape(name, STRIP, points if len(points) > 1 else points[:0], colour, width)
+        return DrawingShape(name, STRIP, points if len(points) > 1 else points[:0], colour, width)
 
 
 def _wrap_text(text: str, width: int = 44) -> str:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from aras_visual_servo_base.poses import exponential, inverse, logarithm
 
+from ..camera_model import CameraModel
 from ..errors import TrackingModelError
-from ..undistortion import CameraModel
 from .edge_search import (
     UNKNOWN_LEVEL,
     estimate_noise,

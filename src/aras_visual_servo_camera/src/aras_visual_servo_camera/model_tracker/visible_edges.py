@@ -8,7 +8,7 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import jit
 
-from ..undistortion import CameraModel
+from ..camera_model import CameraModel
 from .solid import Solid
 
 MIN_DEPTH = 0.01  # m, depth along the optical axis; nearer edges are ignored

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from aras_visual_servo_base.registry import Registry
 from aras_visual_servo_base.settings import check
 
+from ..camera_model import CameraModel
 from ..errors import VisionError
 from ..interaction import Plane
-from ..undistortion import CameraModel
 
 
 class TrackedPoints(NamedTuple):

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from aras_visual_servo_base.poses import inverse, matrix_from_xyz_rpy
 
+from ..camera_model import CameraModel
 from ..errors import TrackingModelError, VisionError
 from ..markers import MarkerChoice
-from ..undistortion import CameraModel
 from .marker import MarkerTracker
 
 START_FORMS = (

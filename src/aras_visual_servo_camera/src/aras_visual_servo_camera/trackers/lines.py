@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..camera_model import CameraModel
 from ..errors import VisionError
 from ..segmented_target import find_touched_borders
-from ..undistortion import CameraModel
 from .base import TRACKERS, sort_by_angle
-from .edge_tracker import EdgeTracker
+from .edge_tracker_base import EdgeTrackerBase
 
 MIN_DRAWING_AREA = 400  # smallest area of a line drawing's bounding box, pixels
 MAX_LINE_WIDTH = 0.2  # largest width of a drawn line, as a fraction of the drawing's size
@@ -21,7 +21,7 @@ PROFILE_COUNT, MIN_PROFILES = 48, 10
 
 
 @TRACKERS.register("lines")
-class LineTracker(EdgeTracker):
+class LineTracker(EdgeTrackerBase):
     """The intersections of the four outermost lines of a dark drawing, such as a grid or a frame.
 
     Profiles of grey levels are sampled across each drawn line. On each profile, the middle of the

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from aras_visual_servo_base.settings import parameter
 
+from ..camera_model import CameraModel
 from ..errors import VisionError
-from ..line_fits import FittedLine, compute_crossing_spread
+from ..intersection_accuracy import FittedLine, compute_crossing_spread
 from ..markers import MarkerChoice
-from ..undistortion import CameraModel
 from .base import TRACKERS, TrackedPoints
-from .edge_tracker import EdgeTracker
+from .edge_tracker_base import EdgeTrackerBase
 
 # Smallest difference between the grey levels of a marker's surroundings and of its black rim.
 MIN_CONTRAST = 20.0
@@ -33,7 +33,7 @@ RIM_STEP = 0.4  # approximate distance between two samples of a profile, px
 
 
 @TRACKERS.register("marker")
-class MarkerTracker(EdgeTracker):
+class MarkerTracker(EdgeTrackerBase):
     """The four corners of an ArUco or AprilTag marker, clockwise from its first corner.
 
     For a board of markers, they are the corners of the rectangle around it. OpenCV detects and

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from aras_visual_servo_base.poses import inverse
 from aras_visual_servo_base.settings import parameter
 
+from ..camera_model import CameraModel
 from ..errors import TrackingModelError, VisionError
 from ..interaction import Plane
 from ..model_tracker.solid import Solid, read_solid
 from ..model_tracker.solid_tracking import SolidTracking
-from ..undistortion import CameraModel
 from .base import TRACKERS, TrackedPoints, Tracker
 from .initial_pose import InitialPose
 

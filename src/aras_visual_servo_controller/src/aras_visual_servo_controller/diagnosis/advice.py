@@ -7,7 +7,7 @@ from math import isfinite, log, pi
 
 from ..features.base import Feature
 from ..records.outcomes import START_CLOSER, Outcome
-from ..records.remedy import Change, Remedy, multiply, remove, set_value
+from ..records.remedy import Remedy, SettingChange, multiply, remove, set_value
 from ..schemes.base import JointController, Scheme, SchemeBase
 
 # A loop with the dead time T (s) oscillates with a constant amplitude at the frequency f = 1 / (4
@@ -90,7 +90,7 @@ def suggest_gain(
     return Remedy(advice)
 
 
-def _compute_duration(gain: float, duration: float) -> tuple[Change, ...]:
+def _compute_duration(gain: float, duration: float) -> tuple[SettingChange, ...]:
     """Suggest a longer duration if a run has too little time at this gain.
 
     Return the change of the setting `duration`, or () if the present duration is sufficient.
@@ -153,7 +153,7 @@ def suggest_scheme(candidate: Outcome, scheme: Scheme | JointController) -> Reme
     return Remedy(advice, *_suggest_replacement(scheme, "pose"))
 
 
-def _suggest_replacement(scheme: Scheme | JointController, name: str) -> tuple[Change, ...]:
+def _suggest_replacement(scheme: Scheme | JointController, name: str) -> tuple[SettingChange, ...]:
     """Suggest the scheme `name`, or a start closer to the goal if that scheme is already in use.
 
     Return the changes of the settings.
@@ -167,7 +167,7 @@ def _suggest_replacement(scheme: Scheme | JointController, name: str) -> tuple[C
     return changes
 
 
-def suggest_larger_target(noise: float, *others: Change) -> Remedy:
+def suggest_larger_target(noise: float, *others: SettingChange) -> Remedy:
     """Suggest how to reduce the noise of an error that scatters by more than its tolerance.
 
     The suggestion is a larger target if that is sufficient, otherwise less jitter and image noise.

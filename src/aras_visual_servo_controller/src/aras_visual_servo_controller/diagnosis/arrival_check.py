@@ -25,7 +25,7 @@ from ..kinematics.algebra import (
     solve_least_squares,
     svd,
 )
-from ..observation.recent_errors import RecentErrors
+from ..observation.vector_history import VectorHistory
 from ..records.outcomes import ArrivalStatus, PoseUncertainty
 from .pose_uncertainty import (
     RANK_TOLERANCE,
@@ -98,7 +98,11 @@ class ArrivalCheck:
             hold: averaging time, s; 0 evaluates each image separately.
         """
         self.hold = float(hold)
-        self._errors, self._offsets, self._view_check = RecentErrors(), RecentErrors(), ViewCheck()
+        self._errors, self._offsets, self._view_check = (
+            VectorHistory(),
+            VectorHistory(),
+            ViewCheck(),
+        )
         self._ambiguous_poses: AmbiguousPoses | None = None
         self.clear()
 

@@ -12,12 +12,12 @@ from ..records.outcomes import UNCOVER_TARGET, Outcome, make_outcome
 from ..records.remedy import Remedy
 from ..records.run_record import RunContext
 from .advice import is_user_scheme, suggest_scheme, suggest_wider_limits
-from .camera_check import CameraCheck
+from .camera_model_check import CameraModelCheck
+from .feature_motion_check import FeatureMotionCheck
 from .gain_check import GainCheck
-from .joint_check import JointCheck, join_names
-from .motion_check import MotionCheck
+from .joint_tracking_check import JointTrackingCheck, join_names
 from .progress_check import ProgressCheck
-from .target_check import TargetCheck
+from .target_motion_check import TargetMotionCheck
 
 # An arm is almost straight if the angle of its elbow is less than this, rad.
 STRETCHED_BEND = 0.1
@@ -50,7 +50,7 @@ class Evidence:
         target_motion: motion of the target, as text; empty if it is at rest.
         oscillation: outcome for an oscillating error, or None.
         is_oscillation_fast: whether the error oscillates faster than the target motions that
-            `TargetCheck` searches for.
+            `TargetMotionCheck` searches for.
         camera_fault: how the features contradict the camera model, as text; empty if they do not.
     """
 
@@ -63,12 +63,12 @@ class Evidence:
         self.current_outcome = Outcome()
         self.progress_check = ProgressCheck(run_context.settings.duration)
         self.gain_check = GainCheck(run_context.settings.duration)
-        self.joint_check = JointCheck(run_context.names, run_context.joint_units)
-        self.target_check = TargetCheck()
-        self.motion_check = MotionCheck(
+        self.joint_check = JointTrackingCheck(run_context.names, run_context.joint_units)
+        self.target_check = TargetMotionCheck()
+        self.motion_check = FeatureMotionCheck(
             run_context.scheme is not None and is_user_scheme(run_context.scheme)
         )
-        self.camera_checks: dict[str, CameraCheck] = {}
+        self.camera_checks: dict[str, CameraModelCheck] = {}
         self.last_touched_borders = ""
         self.measured_stamp: float | None = None
         self.is_running_away = False

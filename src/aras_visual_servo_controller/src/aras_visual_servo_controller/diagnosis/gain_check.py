@@ -10,7 +10,7 @@ from ..records.outcomes import Outcome, make_outcome
 from ..schemes.base import JointController, Scheme
 from .advice import can_oscillate, find_gain, suggest_gain
 from .oscillation_check import OscillationCheck
-from .target_check import TargetCheck
+from .target_motion_check import TargetMotionCheck
 
 # An oscillation is remembered for this time, s, because it may be the cause of a later loss of the
 # target.
@@ -64,7 +64,7 @@ class GainCheck:
         self._last_stamp = stamp
         frequency = self._oscillation.add(stamp, error)
         if frequency is not None and can_oscillate(scheme, frequency):
-            self._is_fast = frequency > TargetCheck.MAX_FREQUENCY
+            self._is_fast = frequency > TargetMotionCheck.MAX_FREQUENCY
             reason = f"the error oscillates at {frequency:.2f} Hz and does not die away"
             self._last_oscillation = stamp, self._make_outcome(reason, frequency)
         return self.find_recent_oscillation(stamp)
@@ -77,7 +77,7 @@ class GainCheck:
     def is_oscillating_fast(self, stamp: float) -> bool:
         """Return whether a recent oscillation is too fast to be fitted as a motion of the target.
 
-        The limit is `TargetCheck.MAX_FREQUENCY`.
+        The limit is `TargetMotionCheck.MAX_FREQUENCY`.
         """
         return self._is_fast and self.find_recent_oscillation(stamp) is not None
 

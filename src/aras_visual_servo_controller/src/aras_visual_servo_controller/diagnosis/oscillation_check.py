@@ -6,7 +6,7 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import jit
 
-from ..observation.recent_errors import RecentErrors
+from ..observation.vector_history import VectorHistory
 
 # Largest probability with which white noise may be mistaken for an oscillation at one frequency.
 MAX_CHANCE = 1e-8
@@ -33,7 +33,7 @@ class OscillationCheck:
     MIN_IMAGES_PER_REVERSAL = 4.0
 
     def __init__(self) -> None:
-        self._errors, self._new_images = RecentErrors(), 0
+        self._errors, self._new_images = VectorHistory(), 0
 
     def add(self, stamp: float, error: np.ndarray) -> float | None:
         """Add the error (k,) of an image, in units of the tolerance.

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from aras_visual_servo_camera import features as camera_features
+from aras_visual_servo_camera import moment_feature_values as camera_features
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.interaction import Plane
 
-from ..observation.recent_errors import RecentErrors
+from ..observation.vector_history import VectorHistory
 
 if TYPE_CHECKING:
     from aras_visual_servo_camera.moments import Moments
@@ -52,7 +52,7 @@ class ViewCheck:
     """Comparison of the goal with the mean of the images since the camera's arrival."""
 
     def __init__(self) -> None:
-        self._views = RecentErrors()
+        self._views = VectorHistory()
         # Stamp (s) of each image that has not been compared with the goal yet, and the moments that
         # each camera measured in the image.
         self._pending_views: deque[tuple[float, list[Moments | None]]] = deque(maxlen=MAX_WINDOW)

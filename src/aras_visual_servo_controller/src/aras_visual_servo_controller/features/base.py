@@ -11,8 +11,8 @@ import numpy as np
 import scipy
 
 from aras_visual_servo_base.registry import Registry
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_camera.undistortion import CameraModel
 
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
@@ -24,15 +24,15 @@ HALF_TURN_TOLERANCE = 1e-6
 NEAR_HALF = 0.375  # an angle above this fraction of its period is close to half a turn
 
 
-class DepthFraction(float):
+class DepthRelativeTolerance(float):
     """A tolerance for a length, as a fraction of the target's depth at the goal."""
 
 
 def scale_tolerances(tolerances: Sequence[float], goal: Goal) -> tuple[float, ...]:
-    """Return the tolerances (k,) for this goal; those that are a DepthFraction are converted to m.
-    """
+    """Return the tolerances (k,) for this goal; a DepthRelativeTolerance is converted to m."""
     return tuple(
-        float(t) * goal.distance if isinstance(t, DepthFraction) else float(t) for t in tolerances
+        float(t) * goal.distance if isinstance(t, DepthRelativeTolerance) else float(t)
+        for t in tolerances
     )
 
 
@@ -89,7 +89,7 @@ class Feature(ABC):
         camera_count: number of cameras that the user has to name for this feature in the scheme.
         names, units: (k,) name and unit of each component.
         tolerances: (k,) tolerance of each component, which has converged if |error| is below it. A
-            DepthFraction is a tolerance relative to the target's depth.
+            DepthRelativeTolerance is a tolerance relative to the target's depth.
         directions: (6,) whether the feature controls each of the camera directions vx ... wz. The
             arm's kinematics hold the others constant.
         weights: (k,) weight of each component in the least squares; None if all are equal.

@@ -24,15 +24,22 @@ from aras_visual_servo_camera.interaction import point_interaction
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
 from ..observation.observation import Need, Observation
-from .base import FEATURES, DepthFraction, FeatureMeasurement, get_plane, wrap, wrap_together
+from .base import (
+    FEATURES,
+    DepthRelativeTolerance,
+    FeatureMeasurement,
+    get_plane,
+    wrap,
+    wrap_together,
+)
 from .points import TOLERANCE, PointFeature, backproject, compute_inverse_depth
 
 FULL_TURN = 2.0 * np.pi
 # Tolerances of the coordinates X, Y and Z of a point, where Z is along the optical axis.
 POINT_TOLERANCES = (
-    DepthFraction(TOLERANCE),
-    DepthFraction(TOLERANCE),
-    DepthFraction(2.0 * TOLERANCE),
+    DepthRelativeTolerance(TOLERANCE),
+    DepthRelativeTolerance(TOLERANCE),
+    DepthRelativeTolerance(2.0 * TOLERANCE),
 )
 MIN_LENGTH = 1e-9  # normalised length; the direction of a shorter side is undefined
 

@@ -10,12 +10,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from aras_visual_servo_base.poses import Pose
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_camera.undistortion import CameraModel
 
-from ..check_defaults import STEP, TOLERANCE
 from ..errors import ConfigurationError, InteractionMatrixError, SchemeError
 from ..goals.goal import Goal
+from ..interaction_check_defaults import STEP, TOLERANCE
 from ..kinematics.task import DIRECTIONS
 from ..observation.feature_observer import FeatureObserver
 from ..observation.observation import Need, Observation

@@ -1,8 +1,8 @@
 """Features that are functions of image moments.
 
-Each feature lists the names of its functions. The module `aras_visual_servo_camera.features`
-computes their values and interaction matrices. To define your own feature, list other names in a
-subclass of MomentFeature.
+Each feature lists the names of its functions. The module
+`aras_visual_servo_camera.moment_feature_values` computes their values and interaction matrices. To
+define your own feature, list other names in a subclass of MomentFeature.
 
 References: F. Chaumette, Image moments: a general and useful set of features for visual servoing,
 IEEE T-RO 20(4), 2004; O. Tahri and F. Chaumette, Point-based and region-based image moments for

@@ -22,7 +22,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from aras_visual_servo_camera import features as camera_features
+from aras_visual_servo_camera import moment_feature_values as camera_features
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments
@@ -30,7 +30,7 @@ from aras_visual_servo_camera.moments import Moments
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
 from ..observation.observation import Need, Observation
-from .base import FEATURES, DepthFraction, Feature, FeatureMeasurement, wrap
+from .base import FEATURES, DepthRelativeTolerance, Feature, FeatureMeasurement, wrap
 
 # Of the six camera directions vx ... wz, the features control vx, vy, vz and wz.
 LEVEL_CAMERA = (True, True, True, False, False, True)
@@ -54,8 +54,10 @@ ROUND_TOLERANCE = 0.1
 HARMONICS = 9
 PARTS_PER_SIDE = 16  # number of points per side of the outline in the numerical integration
 # Tolerance of the features xn and yn: 0.5 mm for the laboratory's target at 0.2 m.
-CENTRE_TOLERANCE = DepthFraction(0.0025)
-DEPTH_TOLERANCE = DepthFraction(0.005)  # tolerance of the feature an: 1 mm for the target at 0.2 m
+CENTRE_TOLERANCE = DepthRelativeTolerance(0.0025)
+DEPTH_TOLERANCE = DepthRelativeTolerance(
+    0.005
+)  # tolerance of the feature an: 1 mm for the target at 0.2 m
 STEP = 1e-5  # displacement of the outline for finite differences, in normalised coordinates
 class _GoalMoments:
     """Quantities of one goal that the formulas of moments need, computed once."""
@@ -130,9 +132,10 @@ class _GoalMoments:
 class MomentFeature(Feature):
     """Base class of features that are formulas of moments.
 
-    A subclass sets `formulas`, the name of a function in `aras_visual_servo_camera.features` for
-    each component. If the third-order moments of the goal give the target a direction, the angle
-    `alpha` is replaced by `alpha_full`, which covers the full turn.
+    A subclass sets `formulas`, the name of a function in
+    `aras_visual_servo_camera.moment_feature_values` for each component. If the third-order moments
+    of the goal give the target a direction, the angle `alpha` is replaced by `alpha_full`, which
+    covers the full turn.
 
     Attributes:
         anisotropy: smallest relative difference of the second moments for which a shape has an

@@ -23,7 +23,7 @@ from aras_visual_servo_base.compiled import jit
 from aras_visual_servo_camera.contour import match_corners
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.interaction import Plane, point_interaction
-from aras_visual_servo_camera.line_fits import compute_rms_deviation
+from aras_visual_servo_camera.intersection_accuracy import compute_rms_deviation
 
 from ..errors import POINT_BEHIND_CAMERA, ConfigurationError, MeasurementError
 from ..goals.goal import Goal

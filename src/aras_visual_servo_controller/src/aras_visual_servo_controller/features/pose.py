@@ -21,7 +21,7 @@ from aras_visual_servo_camera.interaction import point_interaction
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
 from ..observation.observation import Observation
-from .base import FEATURES, DepthFraction, FeatureMeasurement
+from .base import FEATURES, DepthRelativeTolerance, FeatureMeasurement
 from .corners import NumberedPoints
 from .points import TOLERANCE
 from .points import backproject as places_of
@@ -95,7 +95,9 @@ class PoseFeature(NumberedPoints):
         self.names, self.tolerances, self.units = zip(*self.components, strict=True)
 
 
-TRANSLATION_COMPONENTS = tuple((name, DepthFraction(TOLERANCE), "m") for name in ("tx", "ty", "tz"))
+TRANSLATION_COMPONENTS = tuple(
+    (name, DepthRelativeTolerance(TOLERANCE), "m") for name in ("tx", "ty", "tz")
+)
 ROTATION_COMPONENTS = tuple((name, 0.003, "rad") for name in ("ux", "uy", "uz"))
 
 

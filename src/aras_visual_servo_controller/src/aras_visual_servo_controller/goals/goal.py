@@ -34,10 +34,10 @@ import yaml
 
 from aras_visual_servo_base.poses import pose_difference
 from aras_visual_servo_base.yaml_files import parse_yaml, read_text
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import MAX_ORDER, Moments, Pinhole
-from aras_visual_servo_camera.undistortion import CameraModel
 
 from ..errors import ConfigurationError, ServoError, UnreachableError
 from ..kinematics.command_limits import check_within_limits

@@ -15,10 +15,10 @@ import yaml
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy, xyz_rpy_from_matrix
 from aras_visual_servo_base.settings import build, parameter
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import MAX_ORDER, Moments
-from aras_visual_servo_camera.undistortion import CameraModel
 
 from ..errors import ConfigurationError
 from ..observation.feature_observer import explain_implausible

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from aras_visual_servo_base.lazy import lazy_exports
+from aras_visual_servo_base.lazy_imports import lazy_exports
 
 if TYPE_CHECKING:
     from .arm import Arm as Arm

@@ -13,7 +13,7 @@ from aras_visual_servo_base.compiled import jit
 from aras_visual_servo_base.poses import exponential, matrix_from_xyz_rpy
 from aras_visual_servo_base.urdf import Joint
 
-from .free_joint import compute_free_pose_and_jacobian
+from .free_body_kinematics import compute_free_pose_and_jacobian
 
 CHAIN_SIGNATURE = "i8[::1], i8[::1], b1[::1], f8[::1], f8[:,:,::1], f8[:,::1], i8[::1], f8[:,:,::1]"
 

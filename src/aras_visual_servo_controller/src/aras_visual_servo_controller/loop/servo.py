@@ -31,8 +31,8 @@ from ..diagnosis.diagnosis import STEADY_TIME
 from ..errors import (
     MeasurementError,
     SchemeError,
-    SchemeTimeoutError,
     ServoError,
+    UnresponsiveSchemeError,
 )
 from ..kinematics.differential_ik import solve_ik
 from ..kinematics.joint_sample import JointSample
@@ -51,7 +51,7 @@ from ..records.state import (
 )
 from ..schemes.base import SchemeOutput
 from ..schemes.scheme_call import compute
-from .servo_control import ServoControl
+from .servo_state_machine import ServoStateMachine
 
 if TYPE_CHECKING:
     from ..kinematics.ik_solution import IKSolution
@@ -64,7 +64,7 @@ MAX_STAMP_LEAD = 1.0
 GOAL_PATIENCE = STEADY_TIME
 
 
-class Servo(ServoControl):
+class Servo(ServoStateMachine):
     """Servo loop; call `update` for each joint state and `process_image` for each image.
 
     The loop moves the camera of one arm as one scheme requires. `process_image` computes the joint
@@ -132,7 +132,7 @@ class Servo(ServoControl):
         except MeasurementError as error:
             self._halt(HOLDING, str(error))
             return self._record(observation)
-        except SchemeTimeoutError as error:
+        except UnresponsiveSchemeError as error:
             self._hold_after_timeout(error, f"image of {stamp:.2f} s")
             return self._record(observation, fault=error.trace)
         except SchemeError as error:
@@ -268,7 +268,7 @@ class Servo(ServoControl):
             return ""
         try:
             result = self.executor.compute_velocities(t, dt, measured, self._start_stamp)
-        except SchemeTimeoutError as error:
+        except UnresponsiveSchemeError as error:
             self._hold_after_timeout(error, f"joints of {t:.2f} s")
         except SchemeError as error:
             self._fault = str(error)

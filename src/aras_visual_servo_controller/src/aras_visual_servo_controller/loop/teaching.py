@@ -19,7 +19,7 @@ from ..kinematics.joint_sample import JointSample
 from ..observation.camera_rig import CameraRig, ObserveFrame
 from ..observation.feature_observer import FeatureObserver
 from ..observation.observation import Observation
-from ..records.state import ServoSettings, Source
+from ..records.state import ImageSource, ServoSettings
 from ..schemes import JointController, Scheme
 from .start_approach import StartApproach
 
@@ -107,7 +107,7 @@ class ViewCollector:
             self.views.clear()
         return is_moved
 
-    def set_source(self, camera: str, source: Source) -> None:
+    def set_source(self, camera: str, source: ImageSource) -> None:
         """Do nothing, because the caller reports the source of a camera's images itself."""
 
     def add_image(self, stamp: float, observe_frame: ObserveFrame, camera: str = "") -> None:

@@ -11,16 +11,16 @@ from aras_visual_servo_camera.contour import CORNER_ACCURACY, extract_outline, f
 from aras_visual_servo_camera.detection_pipeline import DetectionPipeline, DetectionSettings
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.images import Image
-from aras_visual_servo_camera.line_fits import compute_rms_deviation
+from aras_visual_servo_camera.intersection_accuracy import compute_rms_deviation
 
 from ..kinematics.joint_sample import make_read_only_copy
 from .observation import SEGMENTED, Need
 
 if TYPE_CHECKING:
+    from aras_visual_servo_camera.camera_model import CameraModel
     from aras_visual_servo_camera.interaction import Plane
-    from aras_visual_servo_camera.segmentation import SegmentationSettings
+    from aras_visual_servo_camera.segmentation_settings import SegmentationSettings
     from aras_visual_servo_camera.trackers import Tracker
-    from aras_visual_servo_camera.undistortion import CameraModel
 
     from .frame import Frame
 

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aras_visual_servo_base.poses import relative_pose
+from aras_visual_servo_camera.camera_model import CameraModel, normalise_pixels
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_camera.segmentation import SegmentationSettings
-from aras_visual_servo_camera.undistortion import CameraModel, normalise_pixels
+from aras_visual_servo_camera.segmentation_settings import SegmentationSettings
 
 from ..kinematics.joint_sample import JointSample, make_read_only_copy
 from .observation import CAMERA, Need, Observation

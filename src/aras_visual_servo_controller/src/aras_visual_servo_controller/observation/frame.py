@@ -11,8 +11,8 @@ from functools import cached_property
 
 import numpy as np
 
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_camera.undistortion import CameraModel
 
 from .observation import CAMERA
 

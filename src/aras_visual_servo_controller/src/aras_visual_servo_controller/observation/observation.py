@@ -14,9 +14,9 @@ from functools import cached_property
 import numpy as np
 
 from aras_visual_servo_base.poses import logarithm
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_camera.undistortion import CameraModel
 
 from ..kinematics.joint_sample import JointSample
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from math import nan
 
-from .remedy import Change, Remedy, multiply, remove, set_value
+from .remedy import Remedy, SettingChange, multiply, remove, set_value
 
 CALIBRATE_CAMERA = Remedy(
     "calibrate the camera (K, D and its mounting) and check that it is mounted firmly",
@@ -124,7 +124,7 @@ class Outcome:
         """Return whether the run is in progress or has converged, without a fault so far."""
         return self.kind == "running" or self.kind.startswith("converged")
 
-    def with_remedy(self, advice: str, *changes: Change) -> Outcome:
+    def with_remedy(self, advice: str, *changes: SettingChange) -> Outcome:
         """Return the outcome with another remedy."""
         return replace(self, remedy=Remedy(advice, *changes))
 

@@ -22,7 +22,7 @@ DISTURBANCES = ("calibration_offset", "target.motion", "target.occluded", "targe
 
 
 @dataclass(frozen=True)
-class Change:
+class SettingChange:
     """One change of a setting.
 
     Attributes:
@@ -65,9 +65,9 @@ class Remedy(str):
 
     __slots__ = ("advice", "changes")
     advice: str
-    changes: tuple[Change, ...]
+    changes: tuple[SettingChange, ...]
 
-    def __new__(cls, advice: str = "", *changes: Change) -> Remedy:
+    def __new__(cls, advice: str = "", *changes: SettingChange) -> Remedy:
         """Create the remedy.
 
         Args:
@@ -78,7 +78,7 @@ class Remedy(str):
             TypeError: the advice is a Remedy, whose changes would be lost, or a change is no
                 Change.
         """
-        if isinstance(advice, Remedy) or not all(isinstance(one, Change) for one in changes):
+        if isinstance(advice, Remedy) or not all(isinstance(one, SettingChange) for one in changes):
             raise TypeError(
                 "a Remedy is made of a text and of Changes: pass the advice as str, then each "
                 "Change"
@@ -92,19 +92,19 @@ class Remedy(str):
         return Remedy, (self.advice, *self.changes)
 
 
-def set_value(key: str, value: Any) -> Change:
+def set_value(key: str, value: Any) -> SettingChange:
     """Return the change that sets a key."""
-    return Change(key, "set", value)
+    return SettingChange(key, "set", value)
 
 
-def multiply(key: str, factor: float) -> Change:
+def multiply(key: str, factor: float) -> SettingChange:
     """Return the change that multiplies a key's value; the factor is rounded to two digits."""
-    return Change(key, "multiply", float(f"{factor:.2g}"))
+    return SettingChange(key, "multiply", float(f"{factor:.2g}"))
 
 
-def remove(key: str) -> Change:
+def remove(key: str) -> SettingChange:
     """Return the change that removes a key."""
-    return Change(key, "remove")
+    return SettingChange(key, "remove")
 
 
 def _format_value(value: Any) -> str:

@@ -139,7 +139,7 @@ class ServoSettings:
 
 
 @dataclass(frozen=True)
-class Source:
+class ImageSource:
     """Source of the images, for messages: content, topic and sending node."""
 
     content: str = "image"

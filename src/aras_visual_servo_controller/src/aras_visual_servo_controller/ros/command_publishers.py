@@ -12,7 +12,7 @@ from std_srvs.srv import Trigger
 
 from aras_visual_servo_ros.parameters import get_namespace
 
-from ..kinematics.joint_controllers import choose_controllers
+from ..kinematics.ros_control_controllers import choose_controllers
 from ..settings import ControllerSettings
 
 STOP_TIMEOUT = 0.5  # longest wait for the controller node's service, s of wall time

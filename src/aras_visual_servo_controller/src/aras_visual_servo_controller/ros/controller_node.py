@@ -13,9 +13,9 @@ from aras_visual_servo_ros.shutdown import iterate_at_period
 from ..runner.loop_runner import LoopRunner
 from ..settings import ControllerSettings
 from .description import DescriptionWatch, find_e_stop_topic
-from .goal_topics import GoalTopics
-from .inputs import Inputs
+from .goal_publishers import GoalPublishers
 from .loop_services import LoopServices
+from .loop_subscribers import LoopSubscribers
 from .reconfigure import GainServer
 from .ros_publisher import RosPublisher
 
@@ -49,7 +49,7 @@ class ControllerNode:
         self.publisher: RosPublisher | None = None
         self._loop_services: LoopServices | None = None
         self._description = DescriptionWatch(settings.description)
-        self._goal_topics = GoalTopics(settings.namespace.rstrip("/"))
+        self._goal_topics = GoalPublishers(settings.namespace.rstrip("/"))
 
     def build_loop(self, urdf: str) -> None:
         """Create the loop and its topics.
@@ -87,8 +87,9 @@ class ControllerNode:
             self._loop_services = LoopServices(settings.namespace.rstrip("/"), self)
             self._gain_server = GainServer(self)
         self._goal_topics.publish(servo)
-        self._inputs = Inputs(settings, self.runner, find_e_stop_topic(urdf, settings.namespace),
-                              self._camera)  # fmt: skip
+        self._inputs = LoopSubscribers(
+            settings, self.runner, find_e_stop_topic(urdf, settings.namespace), self._camera
+        )
 
     def spin(self) -> None:
         """Supervise the loop until ROS shuts down.

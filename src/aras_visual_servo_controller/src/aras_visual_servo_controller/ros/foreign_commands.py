@@ -9,7 +9,7 @@ from functools import partial
 
 import rospy
 
-from aras_visual_servo_ros.connections import send_to_others_only
+from aras_visual_servo_ros.rospy_patches import send_to_others_only
 
 from .command_publishers import CommandPublishers
 

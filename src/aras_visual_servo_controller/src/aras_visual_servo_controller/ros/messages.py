@@ -6,9 +6,9 @@ import numpy as np
 from aras_visual_servo_camera.msg import ImageMoments
 from geometry_msgs.msg import Twist
 
+from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_camera.undistortion import CameraModel
 
 from ..msg import ServoReport, ServoState
 from ..records.outcomes import PoseUncertainty

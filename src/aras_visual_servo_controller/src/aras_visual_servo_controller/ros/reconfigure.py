@@ -8,7 +8,7 @@ import rospy
 
 from aras_visual_servo_base.registry import list_parameters
 from aras_visual_servo_ros.parameters import Value
-from aras_visual_servo_ros.reconfigure import Field, ReconfigureServer
+from aras_visual_servo_ros.reconfigure import ReconfigurableParameter, ReconfigureServer
 
 from ..errors import ConfigurationError
 from ..laws import Law
@@ -37,7 +37,7 @@ class GainServer:
         for name, law in laws.items():
             value = getattr(law, name)
             help = next(p.help for p in list_parameters(type(law)) if p.name == name)
-            fields.append(Field(
+            fields.append(ReconfigurableParameter(
                 name, "double", value, min(MIN_GAIN, value), max(MAX_GAIN, value),
                 help or f"{name} of the law",
             ))  # fmt: skip

@@ -10,7 +10,7 @@ import rospy
 
 from aras_visual_servo_ros.shutdown import init_node
 
-from ..diagnosis.joint_check import describe_foreign_nodes
+from ..diagnosis.joint_tracking_check import describe_foreign_nodes
 from ..errors import ServoError
 from ..goals.goal import Goal
 from ..goals.starts import find_start_joints
@@ -18,7 +18,7 @@ from ..loop.teaching import ViewCollector, make_mean_goal
 from ..observation.observation import Need
 from .command_publishers import CommandPublishers
 from .foreign_commands import ForeignCommandListener
-from .inputs import Inputs
+from .loop_subscribers import LoopSubscribers
 from .node_settings import read_robot_settings
 
 
@@ -52,7 +52,7 @@ def collect_views(arguments: argparse.Namespace) -> Goal:
         foreign = ForeignCommandListener(commands)
         foreign.listen(True)
     teacher = ViewCollector(arm, rig, joints, None if commands is None else commands.send)
-    inputs = Inputs(settings, teacher)
+    inputs = LoopSubscribers(settings, teacher)
     deadline = time.monotonic() + arguments.timeout
     while len(teacher.views) < arguments.images:
         # If so many successive images are unusable, further ones probably are, too. The limit is

@@ -13,8 +13,8 @@ import rospy
 from sensor_msgs.msg import JointState, Joy
 
 from aras_visual_servo_base.names import describe_unknown
-from aras_visual_servo_ros.connections import find_publishers
 from aras_visual_servo_ros.log_folder import check_log_folder
+from aras_visual_servo_ros.rospy_patches import find_publishers
 
 from ..errors import ConfigurationError, MeasurementError, ServoError
 from ..kinematics import DifferentialIK

@@ -70,8 +70,8 @@ def process_joint_state(q, v, stamp, loop):
     Args:
         q, v: (n,) positions, rad or m, and velocities, rad/s or m/s, of the joint state.
         stamp: stamp of the joint state, s.
-        loop: tuple made by `CompiledUpdates.make_loop`, whose arrays are modified: chain: fields of
-            the Chain. clock, rows: arrays, whose indices are constants of this module.
+        loop: tuple made by `LoopStateConverter.make_loop`, whose arrays are modified: chain: fields
+            of the Chain. clock, rows: arrays, whose indices are constants of this module.
             last_velocities: see `last` of `solve_velocities`. bounds: (3, n) see
             `Arm.plausible_bounds`. lead: (n,) distance by which a command may be ahead of its
             joint, rad or m. settings: array, whose indices are constants of this module.
@@ -146,7 +146,7 @@ def process_joint_state(q, v, stamp, loop):
     return NEW_COMMAND
 
 
-class CompiledUpdates:
+class LoopStateConverter:
     """Conversion of a runner's state to the tuple `loop` of `process_joint_state`, and back."""
 
     def __init__(self, runner: LoopRunner, outputs: Sequence[str] = ("position",)) -> None:

@@ -35,12 +35,17 @@ from ..records.state import (
     SERVOING,
     STOPPED,
     WAITING,
+    ImageSource,
     JointCommand,
     ServoState,
-    Source,
 )
 from ..settings import ControllerSettings
-from .foreign_watch import MAX_CLOCK_SKEW, ForeignCommands, ForeignWatch, JointStateWatch
+from .foreign_command_watch import (
+    MAX_CLOCK_SKEW,
+    ForeignCommandSource,
+    ForeignCommandWatch,
+    JointStateWatch,
+)
 
 # Period at which the loop's state is reported while no images arrive, s: the image period of a
 # camera with 30 images per second.
@@ -76,7 +81,7 @@ class LoopRunner:
         listener: LoopListener,
         clock: Callable[[], float],
         wall_clock: Callable[[], float] = time.monotonic,
-        foreign: ForeignCommands | None = None,
+        foreign: ForeignCommandSource | None = None,
     ) -> None:
         """Create the runner.
 
@@ -95,8 +100,8 @@ class LoopRunner:
         self._lead = np.atleast_1d(np.asarray(servo.settings.lead, float))
         self._lock = threading.RLock()
         self.history = JointHistory()
-        self._foreign_watch = ForeignWatch(servo, self.history, settings, foreign)
-        self._joints_source = Source(
+        self._foreign_watch = ForeignCommandWatch(servo, self.history, settings, foreign)
+        self._joints_source = ImageSource(
             "joint states", f"{settings.namespace.rstrip('/')}/joint_states", "the simulator"
         )
         self._joint_state_watch = JointStateWatch(
@@ -110,16 +115,17 @@ class LoopRunner:
         self._clock_moved_time = wall_clock()  # wall time at which the clock last advanced
         self._is_starved = self._is_e_stopped = self._is_ended = False
         self.start_count = 0  # number of times that joint states started to arrive
-        self._sources: dict[str, Source] = {}
+        self._sources: dict[str, ImageSource] = {}
         features = settings.get_camera(camera_rig.control.name).features
         self.set_source(
-            camera_rig.control.name, Source("features", f"{features}/moments", "the camera node")
+            camera_rig.control.name,
+            ImageSource("features", f"{features}/moments", "the camera node"),
         )
         self._clear()
         if not settings.autostart:
             servo.stop("waiting for start")
 
-    def set_source(self, camera: str, source: Source) -> None:
+    def set_source(self, camera: str, source: ImageSource) -> None:
         """Set the source of a camera's images, for messages."""
         self._sources[camera] = source
         if camera == self.camera_rig.control.name:

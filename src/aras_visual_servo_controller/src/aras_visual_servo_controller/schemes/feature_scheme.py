@@ -72,9 +72,9 @@ class FeatureScheme(FeatureSchemeBase):
                 f"an estimator can be used only with interaction 'estimated', not '{interaction}'"
             )
         if interaction == "estimated" and estimator is None:
-            from .broyden import Broyden
+            from .broyden_estimator import BroydenEstimator
 
-            estimator = Broyden()
+            estimator = BroydenEstimator()
         if not (np.isfinite(smoothing) and smoothing >= 0.0):
             raise ConfigurationError(f"smoothing is {smoothing}, must be >= 0 s")
         if ratio is not None and (

@@ -43,7 +43,7 @@ def compute(
     Raises:
         MeasurementError: this image cannot be used for control.
         SchemeError: the scheme raised another exception, or its output is not valid.
-        SchemeTimeoutError: the scheme took longer than `limit`.
+        UnresponsiveSchemeError: the scheme took longer than `limit`.
     """
     name = name or type(scheme).__name__
     is_controller = isinstance(scheme, JointController)

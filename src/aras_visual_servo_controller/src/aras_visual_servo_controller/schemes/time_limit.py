@@ -27,7 +27,7 @@ from typing import TypeVar
 
 from aras_visual_servo_base.names import format_error
 
-from ..errors import MeasurementError, SchemeError, SchemeTimeoutError
+from ..errors import MeasurementError, SchemeError, UnresponsiveSchemeError
 
 T = TypeVar("T")
 
@@ -42,7 +42,7 @@ WAKE_SIGNAL = signal.SIGRTMAX
 DEBUGGERS = ("bdb", "pydevd", "_pydevd_bundle")
 
 
-class Interruption(BaseException):
+class TimeLimitExceeded(BaseException):
     """Exception raised in a call that takes too long.
 
     It is not an `Exception`, so that `except Exception` in user code does not catch it.
@@ -75,7 +75,7 @@ def call_user_code(
         scheme: name of the scheme, for messages; with '', exceptions are passed on unchanged.
 
     Raises:
-        SchemeTimeoutError: the call took longer; the message names the function and its line.
+        UnresponsiveSchemeError: the call took longer; the message names the function and its line.
         MeasurementError: the call raised it, because this image cannot be used for control.
         SchemeError: any other exception of the call, including SystemExit, if `scheme` is given.
     """
@@ -96,7 +96,7 @@ def call_user_code(
             owner = getattr(call, "__self__", None)
             name = call.__name__ if owner is None else f"{type(owner).__name__}.{call.__name__}"
             text = f"{name} did not end within {limit:g} s: it was in {place}"
-            raise SchemeTimeoutError(
+            raise UnresponsiveSchemeError(
                 f"scheme {scheme}: {text}" if scheme else text, traceback.format_exc()
             ) from None
         if not scheme or isinstance(error, (MeasurementError, SchemeError, KeyboardInterrupt)):
@@ -171,7 +171,7 @@ def _interrupt(call: _Call) -> None:
     if not call.is_done:
         call.is_interrupted = True
         ctypes.pythonapi.PyThreadState_SetAsyncExc(
-            ctypes.c_ulong(call.thread), ctypes.py_object(Interruption)
+            ctypes.c_ulong(call.thread), ctypes.py_object(TimeLimitExceeded)
         )
         main = threading.main_thread().ident == call.thread
         if again and main and signal.getsignal(WAKE_SIGNAL) is _wake:
@@ -184,7 +184,7 @@ def _wake(*_: object) -> None:
     """Raise the Interruption in the main thread, unless the call has ended meanwhile."""
     here = threading.main_thread().ident
     if any(call.is_interrupted and not call.is_done and call.thread == here for call in _calls):
-        raise Interruption
+        raise TimeLimitExceeded
 
 
 def _is_debugged(frame: FrameType | None) -> bool:

@@ -9,7 +9,7 @@ topics and actions the ROS layer creates. `C` stands for <robot namespace>/<cont
 | | 'float64_array' | C/command std_msgs/Float64MultiArray → set_command(list[float]) |
 | | 'joint_trajectory' | C/command trajectory_msgs/JointTrajectory → set_command(Trajectory) |
 | state_kind | 'joint_controller_state' | on_state(JointControllerState) → C/state |
-| | 'joint_trajectory_state' | on_state(TrajectoryState) → C/state |
+| | 'joint_trajectory_state' | on_state(TrajectoryControllerState) → C/state |
 | | 'joint_states' | on_state(JointStates) → <robot namespace>/joint_states |
 | action_kind | 'follow_joint_trajectory' | C/follow_joint_trajectory and C/query_state |
 | | 'gripper_command' | C/gripper_cmd |
@@ -18,8 +18,8 @@ topics and actions the ROS layer creates. `C` stands for <robot namespace>/<cont
 An attribute that is None creates no connection. The paths in pids are 'pid', '<joint>/pid' (groups)
 or 'gains/<joint>' (trajectories, grippers). The types of commands, states and goals are defined in
 this module, in trajectory_types.py and in gripper.py. Actions call submit_goal and cancel_goal, and
-use the handles of goals.py. update() calls on_state, if it is not None, with an object that the
-controller does not modify afterwards.
+use the handles of goal_handle.py. update() calls on_state, if it is not None, with an object that
+the controller does not modify afterwards.
 
 set_command checks a command and stores it; the next update() uses the last stored command.
 starting() and reset() discard it. set_command may be called from any thread, except for trajectory
@@ -120,7 +120,7 @@ class Controller:
         interface: ros_control interface through which the controller claims its joints.
         slot: the last command of `set_command`, until an update uses it; otherwise empty.
         is_compilable: whether compiled code may do the work of `update`; only for a
-            CommandedController.
+            JointCommandController.
         is_read_only: whether `update` only reads the joints.
     """
 

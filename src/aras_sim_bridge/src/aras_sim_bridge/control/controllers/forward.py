@@ -15,10 +15,10 @@ from aras_sim_bridge.control.controllers.base import (
     check_number,
     read_joint_names,
 )
-from aras_sim_bridge.control.controllers.joint_loops import (
+from aras_sim_bridge.control.controllers.joint_control_loop import (
     FORWARD,
     LOOP_COLUMNS,
-    JointLoop,
+    JointControlLoop,
     update_loops,
 )
 from aras_sim_bridge.control.controllers.registry import register
@@ -39,7 +39,7 @@ from aras_visual_servo_base.settings import read
 COMMAND_OF = {EFFORT: TAU_COMMAND, POSITION: Q_COMMAND, VELOCITY: V_COMMAND}
 
 
-class CommandedController(Controller):
+class JointCommandController(Controller):
     """Controller with one commanded number for each joint, in the interface's unit.
 
     The parameter `joint` names the joint; for a group, the parameter `joints` lists several.
@@ -71,8 +71,10 @@ class CommandedController(Controller):
         self._handles = hardware.handle_rows
         self.rows = np.zeros((len(handles), LOOP_COLUMNS))
         self.loops = [
-            JointLoop(row, self.loop_kind, handle, known.index(handle.name), target, context.warn,
-                      context.name, **self._make_loop_options(handle.name, parameters))
+            JointControlLoop(
+                row, self.loop_kind, handle, known.index(handle.name), target, context.warn,
+                context.name, **self._make_loop_options(handle.name, parameters),
+            )
             for row, handle in zip(self.rows, handles, strict=True)
         ]  # fmt: skip
 
@@ -81,7 +83,7 @@ class CommandedController(Controller):
         return found if self.interface == EFFORT else {}
 
     def _make_loop_options(self, joint: str, parameters: Mapping) -> dict[str, Pid | bool]:
-        """Return additional keyword arguments for the constructor of the joint's JointLoop."""
+        """Return additional keyword arguments for the JointControlLoop of a joint."""
         return {}
 
     def bind(self, rows: np.ndarray) -> None:
@@ -134,7 +136,7 @@ class CommandedController(Controller):
     def is_compilable(self) -> bool:
         """Whether no subclass overrides a method that compiled code replaces."""
         return all(
-            getattr(type(self), name) is getattr(CommandedController, name)
+            getattr(type(self), name) is getattr(JointCommandController, name)
             for name in ("set_command", "apply_pending_command", "update")
         )
 
@@ -160,7 +162,7 @@ class CommandedController(Controller):
 @register("effort_controllers/JointEffortController", interface=EFFORT)
 @register("position_controllers/JointPositionController", interface=POSITION)
 @register("velocity_controllers/JointVelocityController", interface=VELOCITY)
-class ForwardController(CommandedController):
+class ForwardController(JointCommandController):
     """Forward a command to one joint: effort (N m, N), position (rad, m) or velocity (rad/s, m/s).
 
     Limits are applied by the hardware, not here.

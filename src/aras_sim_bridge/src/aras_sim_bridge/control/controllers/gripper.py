@@ -6,7 +6,7 @@ from functools import partial
 from math import isfinite
 
 from aras_sim_bridge.control.controllers.base import Controller, ControllerContext
-from aras_sim_bridge.control.controllers.goals import (
+from aras_sim_bridge.control.controllers.goal_handle import (
     ABORTED,
     PREEMPTED,
     REJECTED,

@@ -78,7 +78,7 @@ class CommandInterpolator:
     is_moving, value = column(IS_MOVING), column(_VALUE)
 
     def __init__(self, handle: JointHandle, row: np.ndarray | None = None) -> None:
-        """Store the state in `row` (14,), a slice of a JointLoop's row; if None, in a new array."""
+        """Store the state in `row` (14,), part of a JointControlLoop's row; None: a new array."""
         self.row = np.zeros(INTERPOLATION_COLUMNS) if row is None else row
         limit = handle.limits.velocity if handle.limits is not None else None
         self.row[_FASTEST:] = (

@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping
 
-from aras_sim_bridge.control.controllers.forward import CommandedController
-from aras_sim_bridge.control.controllers.joint_loops import POSITION_PID, SPEED_PID
+from aras_sim_bridge.control.controllers.forward import JointCommandController
+from aras_sim_bridge.control.controllers.joint_control_loop import POSITION_PID, SPEED_PID
 from aras_sim_bridge.control.controllers.registry import register
 from aras_sim_bridge.control.joints import EFFORT, VELOCITY
 from aras_sim_bridge.control.pid import Pid
@@ -11,7 +11,7 @@ from aras_sim_bridge.errors import ControllerError
 from aras_visual_servo_base.settings import read
 
 
-class PidController(CommandedController):
+class PidControllerBase(JointCommandController):
     """Base class of the PID controllers.
 
     The gains are parameters: `pid/...` for a single joint, `<joint>/pid/...` for a group (see
@@ -33,11 +33,11 @@ class PidController(CommandedController):
 
 @register("effort_controllers/JointPositionController", interface=EFFORT)
 @register("velocity_controllers/JointPositionController", interface=VELOCITY)
-class PidPositionController(PidController):
+class PidPositionController(PidControllerBase):
     """Command effort or velocity = PID(position error) to one joint.
 
     Set points (rad, m) are limited to the URDF's position limits. The hardware limits the output.
-    The additional parameter `interpolate` is described in JointLoop.
+    The additional parameter `interpolate` is described in JointControlLoop.
     """
 
     loop_kind = POSITION_PID
@@ -62,7 +62,7 @@ class PidGroupPositionController(PidPositionController):
 
 
 @register("effort_controllers/JointVelocityController", interface=EFFORT)
-class PidVelocityController(PidController):
+class PidVelocityController(PidControllerBase):
     """Command effort = PID(velocity error) to one joint; set points are in rad/s or m/s."""
 
     loop_kind = SPEED_PID

@@ -18,7 +18,7 @@ class ErrorCode(IntEnum):
     GOAL_TOLERANCE_VIOLATED = -5
 
 
-class TrajectoryError(ControllerError):
+class InvalidTrajectoryError(ControllerError):
     """A trajectory cannot be followed; `code` is the error code of the action."""
 
     def __init__(self, code: ErrorCode, text: str) -> None:
@@ -89,7 +89,7 @@ class StatePoint:
 
 
 @dataclass(frozen=True, slots=True)
-class TrajectoryState:
+class TrajectoryControllerState:
     """State of a trajectory controller, for its state topic and its action's feedback.
 
     `actual` and `error` have no accelerations, because accelerations are not measured. `error` is

@@ -17,16 +17,22 @@ from aras_sim_bridge.camera import CameraReading
 from aras_sim_bridge.errors import CameraError
 from aras_sim_bridge.ros.runtime.publisher import SubscriberWatch, list_connections
 from aras_visual_servo_ros.parameters import InvalidParameterError, Value, get_namespace
-from aras_visual_servo_ros.reconfigure import Field, ReconfigureServer
+from aras_visual_servo_ros.reconfigure import ReconfigurableParameter, ReconfigureServer
 
 # Settings of a compressed topic, with the names, defaults and limits of compressed_image_transport.
 COMPRESSED_FIELDS = (
-    Field("format", "str", "jpeg", "", "", "Compression format: jpeg or png"),
-    Field("jpeg_quality", "int", 80, 1, 100, "JPEG quality percentile"),
-    Field("jpeg_progressive", "bool", False, False, True, "Progressive compression for JPEG"),
-    Field("jpeg_optimize", "bool", False, False, True, "Optimised Huffman tables for JPEG"),
-    Field("jpeg_restart_interval", "int", 0, 0, 65535, "Restart interval for JPEG"),
-    Field("png_level", "int", 9, 1, 9, "PNG compression level"),
+    ReconfigurableParameter("format", "str", "jpeg", "", "", "Compression format: jpeg or png"),
+    ReconfigurableParameter("jpeg_quality", "int", 80, 1, 100, "JPEG quality percentile"),
+    ReconfigurableParameter(
+        "jpeg_progressive", "bool", False, False, True, "Progressive compression for JPEG"
+    ),
+    ReconfigurableParameter(
+        "jpeg_optimize", "bool", False, False, True, "Optimised Huffman tables for JPEG"
+    ),
+    ReconfigurableParameter(
+        "jpeg_restart_interval", "int", 0, 0, 65535, "Restart interval for JPEG"
+    ),
+    ReconfigurableParameter("png_level", "int", 9, 1, 9, "PNG compression level"),
 )
 _COLOUR = {"rgb8": cv2.COLOR_RGB2BGR, "rgb16": cv2.COLOR_RGB2BGR, "bgr8": None}
 

@@ -9,7 +9,7 @@ from genpy import Time
 from sensor_msgs.msg import PointCloud2, PointField
 
 from aras_sim_bridge.camera import CameraReading
-from aras_sim_bridge.camera.points import COLOUR, POINT_FLOATS, PointCloud
+from aras_sim_bridge.camera.point_cloud_builder import COLOUR, POINT_FLOATS, PointCloudBuilder
 from aras_sim_bridge.description import DepthDescription
 from aras_sim_bridge.ros.runtime.publisher import NonBlockingPublisher
 
@@ -38,7 +38,7 @@ class PointsTopic(NonBlockingPublisher):
             settings: settings of the depth topics.
             on_change: called from any thread when subscribers connect or leave.
         """
-        self._cloud = PointCloud(rays, settings)
+        self._cloud = PointCloudBuilder(rays, settings)
         self._rows = settings.rows
         super().__init__(topic, PointCloud2, queue_size=1, on_change=on_change)
 

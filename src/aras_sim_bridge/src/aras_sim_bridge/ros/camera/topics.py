@@ -11,7 +11,7 @@ from std_msgs.msg import Empty, String
 
 from aras_sim_bridge.camera import CameraConfig, CameraIntrinsics, CameraReading
 from aras_sim_bridge.camera.mounting import MountedCamera, find_simultaneous
-from aras_sim_bridge.camera.points import clip_depth
+from aras_sim_bridge.camera.point_cloud_builder import clip_depth
 from aras_sim_bridge.errors import CameraError
 from aras_sim_bridge.ros.camera import frame_broadcaster
 from aras_sim_bridge.ros.camera.compressed import CompressedTopic
@@ -29,7 +29,7 @@ from aras_sim_bridge.ros.runtime.publisher import NonBlockingPublisher, Subscrib
 from aras_sim_bridge.ros.runtime.services import Fields, ServiceTable, service_handler
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_visual_servo_ros.parameters import Value
-from aras_visual_servo_ros.reconfigure import Field, ReconfigureServer
+from aras_visual_servo_ros.reconfigure import ReconfigurableParameter, ReconfigureServer
 
 Topic = NonBlockingPublisher | CompressedTopic
 
@@ -158,7 +158,9 @@ class CameraTopics:
         If the initial rate is outside of the limits, they are extended.
         """
         text = "Frames per second of simulated time"
-        field = Field("imager_rate", "double", 2.0, min(1.0, rate), max(50.0, rate), text, level=3)
+        field = ReconfigurableParameter(
+            "imager_rate", "double", 2.0, min(1.0, rate), max(50.0, rate), text, level=3
+        )
 
         def apply_rate(values: dict[str, Value]) -> None:
             new_rate = float(values["imager_rate"])

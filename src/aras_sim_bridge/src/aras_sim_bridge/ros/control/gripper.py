@@ -2,12 +2,12 @@
 
 from control_msgs.msg import GripperCommandAction, GripperCommandGoal, GripperCommandResult
 
-from aras_sim_bridge.control.controllers.goals import GoalHandle
+from aras_sim_bridge.control.controllers.goal_handle import GoalHandle
 from aras_sim_bridge.control.controllers.gripper import GripperGoal
-from aras_sim_bridge.ros.control.actions import ControllerAction
+from aras_sim_bridge.ros.control.controller_action_server import ControllerActionServer
 
 
-class GripperAction(ControllerAction):
+class GripperActionServer(ControllerActionServer):
     """Action gripper_cmd of a gripper controller; as in ros_controllers, it has no feedback."""
 
     action, topic = GripperCommandAction, "gripper_cmd"

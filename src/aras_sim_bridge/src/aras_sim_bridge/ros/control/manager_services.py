@@ -21,7 +21,7 @@ from std_msgs.msg import Bool
 from aras_sim_bridge.control.controllers import Controller
 from aras_sim_bridge.control.switching import SwitchRequest
 from aras_sim_bridge.errors import ControllerError
-from aras_sim_bridge.ros.control.command_topic import CommandTopic
+from aras_sim_bridge.ros.control.command_subscriber import CommandSubscriber
 from aras_sim_bridge.ros.control.topics import ControllerTopics, PidTopics
 from aras_sim_bridge.ros.runtime.restart_record import RestartRecord
 from aras_sim_bridge.ros.runtime.services import (
@@ -54,7 +54,7 @@ class ManagerServices:
         self._namespace = robot.namespace.rstrip("/")
         self._topics: dict[str, ControllerTopics] = {}
         self._joint_pids: list[PidTopics] = []
-        self._e_stop: CommandTopic | None = None
+        self._e_stop: CommandSubscriber | None = None
         self._services: ServiceTable | None = None
         try:
             self._advertise()
@@ -86,7 +86,7 @@ class ManagerServices:
         self._restart_record.set_controllers(self._namespace, [])
         self._topics.clear()
 
-    def _subscribe_e_stop(self) -> CommandTopic | None:
+    def _subscribe_e_stop(self) -> CommandSubscriber | None:
         plugins = self._robot.model.description.control_plugins
         topic = next((plugin.e_stop_topic for plugin in plugins if plugin.e_stop_topic), None)
         if topic is None:
@@ -95,7 +95,9 @@ class ManagerServices:
         def set_e_stop(message: Bool) -> None:
             self._robot.hardware.e_stop = message.data
 
-        return CommandTopic(resolve_name(self._namespace, topic), Bool, set_e_stop, self._thread)
+        return CommandSubscriber(
+            resolve_name(self._namespace, topic), Bool, set_e_stop, self._thread
+        )
 
     @service_handler(ListControllers)
     def list_controllers(self, _simulation: Simulation, _request: ListControllers) -> Fields:

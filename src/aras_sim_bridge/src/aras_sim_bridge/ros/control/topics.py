@@ -15,14 +15,18 @@ from std_msgs.msg import Float64, Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
 from aras_sim_bridge.control.controllers import Controller, base
-from aras_sim_bridge.control.pid import Gains, Pid
-from aras_sim_bridge.ros.control.actions import ControllerAction
-from aras_sim_bridge.ros.control.command_topic import CommandTopic
-from aras_sim_bridge.ros.control.gripper import GripperAction
-from aras_sim_bridge.ros.control.state_topic import StateTopic
-from aras_sim_bridge.ros.control.trajectory import TrajectoryAction, fill_state, from_trajectory
+from aras_sim_bridge.control.pid import Pid, PidGains
+from aras_sim_bridge.ros.control.command_subscriber import CommandSubscriber
+from aras_sim_bridge.ros.control.controller_action_server import ControllerActionServer
+from aras_sim_bridge.ros.control.gripper import GripperActionServer
+from aras_sim_bridge.ros.control.state_publisher import StatePublisher
+from aras_sim_bridge.ros.control.trajectory import (
+    TrajectoryActionServer,
+    fill_state,
+    from_trajectory,
+)
 from aras_sim_bridge.ros.conversions import to_duration, to_time
-from aras_sim_bridge.ros.runtime.reconfigure import PID_FIELDS
+from aras_sim_bridge.ros.runtime.reconfigure_parameters import PID_FIELDS
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_visual_servo_ros.parameters import Value
 from aras_visual_servo_ros.reconfigure import ReconfigureServer
@@ -44,7 +48,7 @@ class PidTopics:
             "antiwindup": gains.antiwindup,
         }
         self._server = ReconfigureServer(namespace, PID_FIELDS, values, self._apply)
-        self._state: StateTopic | None = None
+        self._state: StatePublisher | None = None
         if pid.publish_state:
 
             def fill(message: PidState, state: object) -> None:
@@ -52,7 +56,7 @@ class PidTopics:
                 message.timestep = to_duration(state.time_step)
                 _copy_fields(message, state, _PID_FIELDS)
 
-            self._state = StateTopic(f"{namespace}/state", PidState, 1, pid, fill, thread)
+            self._state = StatePublisher(f"{namespace}/state", PidState, 1, pid, fill, thread)
 
     def shutdown(self) -> None:
         """Shut down the reconfigure server and the state topic."""
@@ -62,7 +66,7 @@ class PidTopics:
 
     def _apply(self, values: dict[str, Value]) -> None:
         self._pid.set_gains(
-            Gains(
+            PidGains(
                 values["p"],
                 values["i"],
                 values["d"],
@@ -82,11 +86,13 @@ class ControllerTopics:
         """Advertise the command and state topics, PIDs and action of `controller`."""
         self.controller = controller
         where = controller.context.where
-        self._parts: list[CommandTopic | StateTopic | PidTopics | ControllerAction] = []
+        self._parts: list[
+            CommandSubscriber | StatePublisher | PidTopics | ControllerActionServer
+        ] = []
         if controller.command_kind in COMMANDS:
             message, decode = COMMANDS[controller.command_kind]
             self._parts.append(
-                CommandTopic(
+                CommandSubscriber(
                     f"{where}/command",
                     message,
                     lambda received: controller.set_command(decode(received)),
@@ -100,7 +106,7 @@ class ControllerTopics:
                 topic = f"{robot_namespace}/joint_states"
                 if getattr(controller, "true_stamps", False):
                     fill = _restamp(fill, thread)
-            self._parts.append(StateTopic(topic, message, queue_size, controller, fill, thread))
+            self._parts.append(StatePublisher(topic, message, queue_size, controller, fill, thread))
         for name, pid in controller.pids.items():
             self._parts.append(PidTopics(f"{where}/{name}", pid, thread))
         if controller.action_kind in ACTIONS:
@@ -163,6 +169,9 @@ STATES = {
     "joint_trajectory_state": (JointTrajectoryControllerState, 1, fill_state),
 }
 # For each action_kind of a controller: class of its action server.
-ACTIONS = {"follow_joint_trajectory": TrajectoryAction, "gripper_command": GripperAction}
+ACTIONS = {
+    "follow_joint_trajectory": TrajectoryActionServer,
+    "gripper_command": GripperActionServer,
+}
 _PID_FIELDS = tuple(name for name in PidState.__slots__ if name not in ("header", "timestep"))
 _CONTROLLER_FIELDS = tuple(name for name in JointControllerState.__slots__ if name != "header")

@@ -13,16 +13,18 @@ from control_msgs.msg import JointTolerance as ToleranceMessage
 from control_msgs.srv import QueryTrajectoryState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from aras_sim_bridge.control.controllers.goals import GoalHandle
-from aras_sim_bridge.control.controllers.trajectory_core import JointTrajectoryController
+from aras_sim_bridge.control.controllers.goal_handle import GoalHandle
+from aras_sim_bridge.control.controllers.joint_trajectory_controller import (
+    JointTrajectoryController,
+)
 from aras_sim_bridge.control.controllers.trajectory_types import (
     JointTolerance,
     Trajectory,
+    TrajectoryControllerState,
     TrajectoryGoal,
     TrajectoryPoint,
-    TrajectoryState,
 )
-from aras_sim_bridge.ros.control.actions import ControllerAction
+from aras_sim_bridge.ros.control.controller_action_server import ControllerActionServer
 from aras_sim_bridge.ros.conversions import from_time, to_duration, to_time
 from aras_sim_bridge.ros.runtime.services import Fields, ServiceTable, service_handler
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
@@ -45,8 +47,8 @@ def from_trajectory(message: JointTrajectory) -> Trajectory:
     return Trajectory(message.joint_names, points, from_time(message.header.stamp))
 
 
-def fill_state(message: StateMessage, state: TrajectoryState) -> StateMessage:
-    """Write a TrajectoryState to a state or feedback message and return the message."""
+def fill_state(message: StateMessage, state: TrajectoryControllerState) -> StateMessage:
+    """Write a TrajectoryControllerState to a state or feedback message and return the message."""
     message.header.stamp = to_time(state.stamp_ns)
     message.joint_names = list(state.joint_names)
     for name in ("desired", "actual", "error"):
@@ -64,7 +66,7 @@ def fill_state(message: StateMessage, state: TrajectoryState) -> StateMessage:
     return message
 
 
-class TrajectoryAction(ControllerAction):
+class TrajectoryActionServer(ControllerActionServer):
     """Action follow_joint_trajectory and service query_state of one trajectory controller."""
 
     action, topic = FollowJointTrajectoryAction, "follow_joint_trajectory"
@@ -95,7 +97,7 @@ class TrajectoryAction(ControllerAction):
         code, text = int(handle.result.error_code), handle.result.error_string
         return FollowJointTrajectoryResult(code, text), text
 
-    def make_feedback(self, state: TrajectoryState) -> FollowJointTrajectoryFeedback:
+    def make_feedback(self, state: TrajectoryControllerState) -> FollowJointTrajectoryFeedback:
         """Return the feedback message of a controller state."""
         return fill_state(FollowJointTrajectoryFeedback(), state)
 

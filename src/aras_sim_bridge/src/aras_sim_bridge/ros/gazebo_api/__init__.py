@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from aras_sim_bridge.ros.gazebo_api import attacher, lights, links, models, stepping, world
+from aras_sim_bridge.ros.gazebo_api import attacher, lights, links, model_services, stepping, world
 from aras_sim_bridge.ros.gazebo_api.forces import AppliedForces
-from aras_sim_bridge.ros.gazebo_api.models import Models
-from aras_sim_bridge.ros.gazebo_api.physics import Physics
+from aras_sim_bridge.ros.gazebo_api.model_services import ModelServices
+from aras_sim_bridge.ros.gazebo_api.physics_properties import PhysicsProperties
 from aras_sim_bridge.ros.gazebo_api.states import ModelStateTopics, subscribe_states
 from aras_sim_bridge.ros.gazebo_api.world import TimeReset
 from aras_sim_bridge.ros.runtime.graph_entities import GraphEntities
@@ -40,14 +40,14 @@ class GazeboApi:
         """
         self.states = ModelStateTopics(NAMESPACE, thread, extra)
         forces = AppliedForces(thread)
-        spawned = Models(forces, graph_entities)
-        physics = Physics(NAMESPACE, thread)
+        spawned = ModelServices(forces, graph_entities)
+        physics = PhysicsProperties(NAMESPACE, thread)
         reset = TimeReset(on_time_reset)
         ServiceTable(
             NAMESPACE,
             thread,
             *find_handlers(
-                lights, links, models, world, forces, spawned, physics, reset,
+                lights, links, model_services, world, forces, spawned, physics, reset,
                 *([stepping] if extra else []),
             ),
         )

@@ -21,7 +21,7 @@ from std_msgs.msg import Float64
 from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.ros.conversions import to_pose, to_time, to_twist
 from aras_sim_bridge.ros.gazebo_api.links import move_link
-from aras_sim_bridge.ros.gazebo_api.models import move_model
+from aras_sim_bridge.ros.gazebo_api.model_services import move_model
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation
 

@@ -28,9 +28,9 @@ from aras_sim_bridge.ros.runtime.restart_record import RestartRecord
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_visual_servo_base.compiled import compile_all
-from aras_visual_servo_ros.connections import accept_in_threads
 from aras_visual_servo_ros.master_watch import MasterWatch
 from aras_visual_servo_ros.parameters import InvalidParameterError, get_namespace
+from aras_visual_servo_ros.rospy_patches import accept_in_threads
 from aras_visual_servo_ros.shutdown import init_node
 
 log = logging.getLogger(__name__)

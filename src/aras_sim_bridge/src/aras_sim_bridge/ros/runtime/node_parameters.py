@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
 from aras_sim_bridge.rendering import EXPOSURES, RENDERERS, SHADOWS
-from aras_sim_bridge.ros.runtime.reconfigure import PHYSICS_FIELDS
+from aras_sim_bridge.ros.runtime.reconfigure_parameters import PHYSICS_FIELDS
 from aras_visual_servo_base.settings import build, parameter
 from aras_visual_servo_ros.parameters import InvalidParameterError
 

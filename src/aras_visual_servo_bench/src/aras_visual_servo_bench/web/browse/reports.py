@@ -28,7 +28,7 @@ PAGE_FILE = "report.html"
 
 
 @dataclass
-class Job:
+class ReportJob:
     """A report that is being computed."""
 
     process: subprocess.Popen
@@ -51,7 +51,7 @@ class Reports:
     """
 
     def __init__(self) -> None:
-        self.jobs: dict[tuple[Path, int], Job] = {}
+        self.jobs: dict[tuple[Path, int], ReportJob] = {}
         self._pages: dict[tuple[Path, int], Path] = {}
         self._lock = threading.Lock()
         self._temporary_folder: tempfile.TemporaryDirectory | None = None
@@ -97,7 +97,7 @@ class Reports:
             if self._temporary_folder is not None:
                 self._temporary_folder.cleanup()
 
-    def start_job(self, entry: StudyEntry, run: int) -> Job:
+    def start_job(self, entry: StudyEntry, run: int) -> ReportJob:
         """Start to compute the report of a run, if possible in the study's folder."""
         out = entry.path / f"show-{run}"
         if not (os.access(entry.path, os.W_OK) and _is_within(out, entry.path)):
@@ -112,9 +112,9 @@ class Reports:
             stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=error_output,
             env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
         )  # fmt: skip
-        return Job(process, error_output, out, entry.folder.study.limit + EXTRA_TIME)
+        return ReportJob(process, error_output, out, entry.folder.study.limit + EXTRA_TIME)
 
-    def _poll_job(self, key: tuple[Path, int], job: Job) -> Path | float:
+    def _poll_job(self, key: tuple[Path, int], job: ReportJob) -> Path | float:
         """Return the page of a finished job, or the time since the start of a running job, s.
 
         Raises:

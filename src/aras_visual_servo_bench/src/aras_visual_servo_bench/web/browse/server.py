@@ -15,18 +15,18 @@ import tornado.ioloop
 
 from aras_visual_servo_base.settings import build, parameter
 
-from ...errors import BenchError, RefusedError, StudyError
+from ...errors import BenchError, RefusedRequestError, StudyError
 from ...plots.palette import REPORT, REPORT_DARK, make_css
 from ...studies import compare
 from .. import SHARED
 from ..access import Access
-from ..messages import read_message
+from ..page_messages import read_message
 from ..server import AuthorizedHandler, WebServer, is_local, start_server
 from ..uplot import SCRIPT, STYLE, read_uplot
-from . import queries
-from .queries import GroupQuery, MapQuery, PointQuery, RowQuery
+from . import result_queries
 from .reports import Reports
-from .studies import Snapshot, Studies
+from .result_queries import GroupQuery, MapQuery, PointQuery, RowQuery
+from .studies import Studies, StudiesSnapshot
 
 FILES = Path(__file__).parent / "page"
 
@@ -121,19 +121,19 @@ class BrowseServer(WebServer):
             BenchError: the query is invalid or cannot be answered.
         """
         do, fields = read_message(text, REQUESTS, self.max_message_bytes)
-        query = build(REQUESTS[do], fields, f"{do}: ", RefusedError)
+        query = build(REQUESTS[do], fields, f"{do}: ", RefusedRequestError)
         snapshot = self.studies.read_snapshot(isinstance(query, StudiesQuery) and query.force)
         return {"version": snapshot.version, **_QUERY_FUNCTIONS[do](snapshot, query)}
 
 
-def _list_studies(snapshot: Snapshot, query: StudiesQuery) -> dict[str, Any]:
+def _list_studies(snapshot: StudiesSnapshot, query: StudiesQuery) -> dict[str, Any]:
     return {
         "studies": [{"name": entry.name, "path": str(entry.path), "runs": entry.stored_run_count,
                      "run_count": entry.run_count, "note": entry.note}
                     for entry in snapshot.studies],
         "note": snapshot.note,
-        "columns": queries.describe_columns(snapshot),
-        "operators": queries.OPERATORS,
+        "columns": result_queries.describe_columns(snapshot),
+        "operators": result_queries.OPERATORS,
     }  # fmt: skip
 
 
@@ -144,7 +144,7 @@ def _rank_difference(difference: compare.Difference) -> tuple[int, float]:
     return int(not difference.is_significant), difference.p
 
 
-def _compare_studies(snapshot: Snapshot, query: ComparisonQuery) -> dict[str, Any]:
+def _compare_studies(snapshot: StudiesSnapshot, query: ComparisonQuery) -> dict[str, Any]:
     """Return the differences between two studies: significant ones first, untested ones last."""
     first, second = (snapshot.find_study(name) for name in (query.first, query.second))
     for entry in (first, second):
@@ -155,20 +155,26 @@ def _compare_studies(snapshot: Snapshot, query: ComparisonQuery) -> dict[str, An
         "level": compare.SIGNIFICANCE_LEVEL,
         "differences": [
             {"group": d.group, "metric": d.metric, "verdict": d.verdict,
-             "is_significant": d.is_significant, "p": queries.to_json_value(d.p),
-             "before": queries.to_json_value(d.comparison.before),
-             "after": queries.to_json_value(d.comparison.after),
+             "is_significant": d.is_significant, "p": result_queries.to_json_value(d.p),
+             "before": result_queries.to_json_value(d.comparison.before),
+             "after": result_queries.to_json_value(d.comparison.after),
              "count": d.comparison.count, "paired": d.comparison.paired}
             for d in sorted(found, key=_rank_difference)
         ],
     }  # fmt: skip
 
 
-_QUERY_FUNCTIONS: Mapping[str, Callable[[Snapshot, Any], dict[str, Any]]] = {
-    "studies": _list_studies, "rows": queries.list_rows, "groups": queries.compute_groups,
-    "map": queries.compute_success_map, "points": queries.find_points, "compare": _compare_studies,
-    "run": lambda snapshot, query: {"row": queries.find_run_row(snapshot, query.study, query.run)},
-}  # fmt: skip
+_QUERY_FUNCTIONS: Mapping[str, Callable[[StudiesSnapshot, Any], dict[str, Any]]] = {
+    "studies": _list_studies,
+    "rows": result_queries.list_rows,
+    "groups": result_queries.compute_groups,
+    "map": result_queries.compute_success_map,
+    "points": result_queries.find_points,
+    "compare": _compare_studies,
+    "run": lambda snapshot, query: {
+        "row": result_queries.find_run_row(snapshot, query.study, query.run)
+    },
+}
 
 
 class QueryHandler(AuthorizedHandler):

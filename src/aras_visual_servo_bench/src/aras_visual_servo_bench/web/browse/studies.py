@@ -61,7 +61,7 @@ class StudyEntry:
 
 
 @dataclass(frozen=True)
-class Snapshot:
+class StudiesSnapshot:
     """The state of all studies at one time.
 
     Attributes:
@@ -114,9 +114,9 @@ class Studies:
         self._folders = [path.resolve() for path in folders]
         self._entries: dict[Path, StudyEntry] = {}
         self._lock, self._read_time = threading.Lock(), float("-inf")
-        self._snapshot = Snapshot(0, (), pa.table({}))
+        self._snapshot = StudiesSnapshot(0, (), pa.table({}))
 
-    def read_snapshot(self, is_forced: bool = False) -> Snapshot:
+    def read_snapshot(self, is_forced: bool = False) -> StudiesSnapshot:
         """Return the current state of all studies.
 
         The folders are read at most once in READ_PERIOD.
@@ -149,7 +149,7 @@ class Studies:
             table, units, roles = _join_tables(studies)
             binary = {m.name: m for entry in studies if entry.results is not None
                       for m in entry.results.metrics if m.is_binary}  # fmt: skip
-            self._snapshot = Snapshot(
+            self._snapshot = StudiesSnapshot(
                 self._snapshot.version + 1, studies, table, units, roles, binary, note
             )
 

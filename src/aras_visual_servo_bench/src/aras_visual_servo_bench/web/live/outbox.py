@@ -11,7 +11,7 @@ import json
 from collections.abc import Callable
 from typing import Any
 
-from .samples import CLEAR
+from .plot_samples import CLEAR
 
 # largest number of messages to a viewer that the viewer has not acknowledged
 MAX_UNACKNOWLEDGED = 3

@@ -14,10 +14,10 @@ import numpy as np
 from aras_visual_servo_controller.diagnosis.pose_uncertainty import NEGLIGIBLE_UNCERTAINTY
 from aras_visual_servo_controller.records.state import ServoState
 
+from ...visualization.drawing_shapes import DIGITS, TEXT, DrawingShape
 from ...visualization.feature_units import find_feature_tolerances, find_feature_units
 from ...visualization.run_trace import RunTrace
-from ...visualization.shapes import DIGITS, TEXT, Shape
-from .samples import Samples, to_json_numbers
+from .plot_samples import PlotSamples, to_json_numbers
 
 
 class PageState:
@@ -33,7 +33,7 @@ class PageState:
         self.choices: dict[str, list[str]] = {}
         self.state: dict[str, Any] = {}
         self._limits: dict[str, Any] = {}
-        self._samples = Samples()
+        self._samples = PlotSamples()
         self._sent_values: dict[str, str | bytes] = {}
         self._controller_state: dict[str, Any] = {}
         self._shapes: dict[str, dict[str, Any]] = {}
@@ -117,7 +117,9 @@ class PageState:
             self._sent_values[key] = fingerprint
             message[key] = value
 
-    def _find_changed_shapes(self, shapes: Sequence[Shape]) -> dict[str, dict[str, Any] | None]:
+    def _find_changed_shapes(
+        self, shapes: Sequence[DrawingShape]
+    ) -> dict[str, dict[str, Any] | None]:
         """Return the shapes that are new or have changed, by name; None for a removed shape."""
         changed: dict[str, dict[str, Any] | None] = {}
         names = set()

@@ -16,16 +16,16 @@ from typing import Any, Protocol
 import tornado.ioloop
 import tornado.websocket
 
-from ...errors import RefusedError
+from ...errors import RefusedRequestError
 from ...plots.palette import LIVE, LIVE_LIGHT, make_css
 from .. import SHARED
 from ..access import Access
-from ..messages import MAX_BYTES, read_message
+from ..page_messages import MAX_BYTES, read_message
 from ..server import AuthorizedHandler, WebServer, is_local, start_server
 from ..uplot import SCRIPT, STYLE, read_uplot
 from .outbox import ACKNOWLEDGED, Outbox, to_json
+from .page_requests import REQUESTS, PageRequest, read_request
 from .page_state import PageState
-from .requests import REQUESTS, Request, read_request
 
 FILES = Path(__file__).parent / "page"
 UPDATE_RATE = 15.0  # rate of the updates that each open page receives, Hz
@@ -56,11 +56,11 @@ class PageHost(Protocol):
     def set_viewer_count(self, viewers: int) -> None:
         """Set the number of open pages; it is called when this number changes."""
 
-    def execute(self, request: Request) -> str:
+    def execute(self, request: PageRequest) -> str:
         """Execute a request, and return the answer; it is called in a worker thread.
 
         Raises:
-            RefusedError: the request cannot be executed.
+            RefusedRequestError: the request cannot be executed.
         """
 
     def find_file(self, path: str) -> Path | None:
@@ -235,7 +235,7 @@ class Viewer(AuthorizedHandler, tornado.websocket.WebSocketHandler):
             request = read_request(do, fields, host.page.choices)
             text = await loop.run_in_executor(self.server.workers, host.execute, request)
             answer = {"kind": "answer", "do": do, "ok": True, "text": text}
-        except RefusedError as error:
+        except RefusedRequestError as error:
             answer = {"kind": "answer", "do": do, "ok": False, "text": str(error)}
         except Exception as error:  # the connection must remain open after a programming error
             logging.getLogger(__name__).exception("%s", do)

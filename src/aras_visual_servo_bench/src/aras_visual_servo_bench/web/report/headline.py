@@ -17,8 +17,8 @@ from ...metrics.formatting import (
 from ...metrics.metrics import METRICS
 from ...metrics.statistics import Estimate
 from ...metrics.summary import Quantity
+from ...recording.presentable_run import describe_experiment, list_experiment_parts
 from ...recording.run import Run
-from ...recording.run_presentation import describe_experiment, list_experiment_parts
 
 COLUMNS = (
     ("final_distance", "final distance"), ("final_angle", "final angle"),

@@ -17,9 +17,9 @@ from ...plots.panels import Panel
 from ...recording.run import Run
 from .. import SHARED
 from ..uplot import SCRIPT, STYLE, read_uplot
-from .contents import make_contents
 from .headline import find_transient, list_remarks, make_headline, make_title
 from .missing_data import explain_missing_data
+from .report_data import make_contents
 
 # Numbers at the top of the page of a single run: the metric, the factor that converts it to the
 # unit on the page, this unit, and a description.

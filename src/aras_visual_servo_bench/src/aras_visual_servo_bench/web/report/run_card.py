@@ -14,8 +14,8 @@ from ...plots.palette import BAD, GOOD, SOFT_INK
 from ...plots.panels import make_error_panels
 from ...plots.time_plots import Layout
 from ...recording.film import decode_frame, encode_small_frame
+from ...recording.presentable_run import describe_verdict
 from ...recording.run import Run
-from ...recording.run_presentation import describe_verdict
 from .missing_data import MIN_CURVE_IMAGES, explain_missing_data
 from .page import render_tiles
 

@@ -26,7 +26,7 @@ from ...errors import BenchError, catch_write_errors, check_formats
 from ...metrics.formatting import make_printable
 from ...metrics.run_tables import TableColumn, make_image_columns, make_joint_columns
 from ...metrics.summary import Quantity, make_mapping, summarise
-from ...plots import panels, style, time_plots, views
+from ...plots import camera_figures, panels, style, time_plots
 from ...plots.panels import Panel
 from ...plots.style import FILE_FORMATS
 from ...plots.time_plots import Layout
@@ -71,7 +71,7 @@ MEASURED, POSES = "images that the scheme has measured", "true camera poses whil
 # Chapters of a report, by row. Figures of a row are shown side by side with equal heights.
 CHAPTERS: tuple[tuple[Chapter, ...], ...] = (
     (Chapter("filmstrip", "Filmstrip", "Images of the camera while the error decreases. Green: "
-             "the desired outline.", views.draw_filmstrip,
+             "the desired outline.", camera_figures.draw_filmstrip,
              needs="stored images: run_with_images and load_run store the images of a run"),),
     (Chapter("feature_errors", "Errors", "Errors of the features by unit, and the norm of all "
              "errors, each divided by its maximum.", None, panels.make_error_panels,
@@ -87,10 +87,10 @@ CHAPTERS: tuple[tuple[Chapter, ...], ...] = (
              "Twist of the camera", Layout(2.1), MEASURED)),
     (Chapter("image_trajectory", "Image plane", "Trajectories in the image, drawn on the last "
                                                 "image.",
-             views.draw_image_trajectory, needs=MEASURED),
+             camera_figures.draw_image_trajectory, needs=MEASURED),
      Chapter("camera_path", "Path", "Path of the camera in the world frame. Drawn cameras "
              "open along their optical axis.",
-             views.draw_camera_path, needs=POSES)),
+             camera_figures.draw_camera_path, needs=POSES)),
     (Chapter("joint_positions", "Joints", "Red: limits in the robot description.", None,
         panels.make_joint_panels,
              "Positions", Layout(1.25, columns=2, second_column="Speeds"),

@@ -19,11 +19,11 @@ from ..evidence import Evidence
 class FeaturesContradict(DiagnosisRule):
     """Detection of features that stay constant, jump or contradict L while the target does not.
 
-    The thresholds are constants of MotionCheck and StepCheck.
+    The thresholds are constants of FeatureMotionCheck and StepCheck.
     """
 
     help = "the features stay constant, jump or move against L, but the target does not"
-    reads = "steps of the features and of the target's centre, L (`motion_check.py`)"
+    reads = "steps of the features and of the target's centre, L (`feature_motion_check.py`)"
     kinds = ("scheme_fault",)
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
@@ -56,10 +56,10 @@ class FeaturesContradict(DiagnosisRule):
 
 @DIAGNOSES.register("wrong_camera_model")
 class WrongCameraModel(DiagnosisRule):
-    """Detection of features that do not move as L and the arm's motion predict; see CameraCheck."""
+    """Detection of features that do not move as L and the arm predict; see CameraModelCheck."""
 
     help = "the camera's calibration or mounting differs from the one that the controller uses"
-    reads = "motion of the features, L, motion of the joints (`camera_check.py`)"
+    reads = "motion of the features, L, motion of the joints (`camera_model_check.py`)"
     kinds = ("wrong_camera_model", "joint_limit")
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:

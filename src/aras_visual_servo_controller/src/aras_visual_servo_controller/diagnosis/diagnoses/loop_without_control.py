@@ -13,7 +13,7 @@ from ...records.state import CONVERGED, STOPPED
 from ..advice import suggest_faster_joints
 from ..base import DIAGNOSES, DiagnosisRule
 from ..evidence import Evidence
-from ..joint_check import describe_foreign_nodes, join_names
+from ..joint_tracking_check import describe_foreign_nodes, join_names
 
 
 @DIAGNOSES.register("scheme_failed")
@@ -45,10 +45,10 @@ class Stopped(DiagnosisRule):
 
 @DIAGNOSES.register("joints_do_not_follow")
 class JointsDoNotFollow(DiagnosisRule):
-    """Check of the joints' motion (see JointCheck), and of other nodes that command the joints."""
+    """Check of the joints (see JointTrackingCheck), and of other nodes that command them."""
 
     help = "joints do not follow their commands, or another node commands them"
-    reads = "commanded and measured joints (`joint_check.py`), commands of other nodes"
+    reads = "commanded and measured joints (`joint_tracking_check.py`), commands of other nodes"
     kinds = (JOINTS_DO_NOT_FOLLOW,)
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:

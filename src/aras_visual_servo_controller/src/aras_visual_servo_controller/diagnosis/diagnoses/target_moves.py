@@ -13,7 +13,7 @@ from ...records.run_record import ImageRecord
 from ...records.state import CONVERGED
 from ...schemes.base import SchemeOutput
 from ..base import DIAGNOSES, DiagnosisRule
-from ..camera_check import CameraCheck
+from ..camera_model_check import CameraModelCheck
 from ..evidence import Evidence, combine_outcomes
 
 
@@ -22,11 +22,11 @@ class TargetMoves(DiagnosisRule):
     """Detection of a moving target.
 
     The target moves if the features' motion cannot be explained by the camera's motion alone, but
-    by the motions of camera and target together. See TargetCheck for the fit.
+    by the motions of camera and target together. See TargetMotionCheck for the fit.
     """
 
     help = "the target moves during servoing"
-    reads = "motion of the features, L, motion of the camera (`target_check.py`)"
+    reads = "motion of the features, L, motion of the camera (`target_motion_check.py`)"
     kinds = ("target_moves", "wrong_camera_model")
 
     # The latest motion of the features is attributed to the target if the camera's motion leaves at
@@ -56,7 +56,7 @@ class TargetMoves(DiagnosisRule):
             ):
                 check = evidence.camera_checks.get(name)
                 if check is None:
-                    check = evidence.camera_checks[name] = CameraCheck(run.jacobian)
+                    check = evidence.camera_checks[name] = CameraModelCheck(run.jacobian)
                 check.add(part, observation, tolerated, wrap)
         evidence.oscillation = evidence.gain_check.add(
             state.stamp, evidence.error, run.scheme, record.age

@@ -1,0 +1,67 @@
+"""Publisher of the state of a controller, PID or sensor while it has subscribers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+from genpy import Message
+
+from aras_sim_bridge.ros.runtime.publisher import NonBlockingPublisher
+from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
+
+
+class StateSource(Protocol):
+    """Controller, PID or sensor that passes each of its states to the function `on_state`.
+
+    If `on_state` is None, no states are computed.
+    """
+
+    on_state: Callable[[object], None] | None
+
+
+class StatePublisher:
+    """Topic with the states of a source.
+
+    The source computes states only while the topic has subscribers.
+    """
+
+    def __init__(
+        self,
+        topic: str,
+        message: type[Message],
+        queue_size: int,
+        source: StateSource,
+        fill: Callable[[Message, object], object],
+        thread: SimulationThread,
+    ) -> None:
+        """Advertise the topic.
+
+        `fill` writes a state to a message; the same message is used for all publications. Only the
+        simulation thread changes `on_state` of the source.
+        """
+        self._source = source
+        self._fill = fill
+        self._thread = thread
+        self._message = message()
+        self._publisher: NonBlockingPublisher | None = None
+        self._publisher = NonBlockingPublisher(
+            topic, message, queue_size, on_change=self._on_subscribers
+        )
+        self._on_subscribers()
+
+    def shutdown(self) -> None:
+        """Unregister the topic."""
+        self._publisher.unregister()
+        self._on_subscribers()
+
+    def _on_subscribers(self) -> None:
+        self._thread.post(self._update_listener)
+
+    def _update_listener(self) -> None:
+        has_subscribers = self._publisher is not None and self._publisher.subscriber_count > 0
+        self._source.on_state = self._publish if has_subscribers else None
+
+    def _publish(self, state: object) -> None:
+        self._fill(self._message, state)
+        self._publisher.publish(self._message)

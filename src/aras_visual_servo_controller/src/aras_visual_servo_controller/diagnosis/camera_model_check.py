@@ -1,0 +1,444 @@
+"""Check whether the camera's motion explains the motion of the features."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from aras_visual_servo_base.compiled import jit
+
+from ..kinematics.joint_sample import JointSample
+from ..kinematics.task import DIRECTIONS
+from ..observation.observation import Observation
+from ..schemes.base import SchemeOutput
+
+
+class CameraModelCheck:
+    """Check of the camera model: features must move as L and the camera's motion predict.
+
+    For each of the six directions of camera motion, the check fits a scale: the ratio of measured
+    to predicted motion of the features. With a correct camera model, the scales of the three
+    rotations are 1. The scales of the three translations are equal to each other; a wrong depth
+    changes them together and is not a fault. A wrong focal length, mounting or distortion gives
+    different scales.
+
+    The fit is a linear least-squares problem. Each of its rows is the sum of the feature motions
+    over up to MAX_IMAGES_PER_ROW images, so that even a slow motion exceeds the noise. The target's
+    own motion that a scheme reports (`SchemeOutput.error_drift`) is subtracted first.
+
+    A wrong camera model is reported only if the residuals of successive rows are correlated with
+    each other. This correlation is 0.8 for a wrong mounting, -0.5 for image noise and 0 for a
+    target that was pushed once.
+
+    Measured on the simulated arm with a correct camera model, the fit leaves 0.06 % of the squared
+    motion of moments unexplained, and up to 2.7 % for points. No two scales differ both by more
+    than 0.04 and by more than 2.4 standard deviations. With 0.9 times the true focal length, the
+    scales differ by 0.10, or 11 standard deviations, if the camera both descends by a centimetre
+    and moves sideways. If it makes only one of these motions, a wrong focal length has the same
+    effect as a wrong depth.
+
+    Image pairs are skipped if L changes much between them, because their mean L then does not
+    predict the change of the features. They are also skipped if joint states arrive late, because
+    the camera's motion is computed from the joint positions at the exposures. If the joint speeds
+    at two images do not explain how far the joints moved in between, the pair gets a smaller
+    weight.
+    """
+
+    # A row of the fit sums the motion of the features over successive images until the predicted
+    # motion reaches this, in units of the tolerance. In a smaller sum, noise and joint friction
+    # would dominate.
+    MIN_ROW = 3.0
+    # Largest number of images per row of the fit. If the features move by less than MIN_ROW in so
+    # many images, these images are discarded, because the target itself may have moved.
+    MAX_IMAGES_PER_ROW = 4
+    # The fit is evaluated once the predicted motions of the features add up to this, in units of
+    # the tolerance.
+    MIN_PATH = 40.0
+    # One factor on all translations, which accounts for a wrong depth, is fitted to the motion of
+    # the features. The camera model is wrong if the residual of this fit exceeds both
+    # MAX_MISFIT_PART and MIN_MISFIT.
+    MAX_MISFIT_PART = 0.04  # residual as a fraction of the squared motion
+    MIN_MISFIT = 1.5  # rms residual, in units of the tolerance
+    # A wrong camera model is reported only if the correlation between the residuals of successive
+    # rows of the fit is at least this.
+    MIN_CORRELATION = 0.2
+    # The scale of a camera motion (measured / predicted motion of the features) is wrong if it
+    # differs from its expected value by more than MIN_DIFFERENCE plus MIN_DEVIATIONS standard
+    # deviations.
+    MIN_DIFFERENCE, MIN_DEVIATIONS = 0.04, 4.0
+    # The scale of a translation is evaluated only if the translation alone has moved the features
+    # by at least this many tolerances.
+    MIN_TRANSLATION = 3.0
+    # The scale of a rotation is evaluated only if the rotation alone has moved the features by at
+    # least this many tolerances. The limit is larger than for a translation, because shaking joints
+    # tilt the camera by angles that are not measured.
+    MIN_ROTATION = 8.0
+    # Lower bound of the estimated noise of a summed motion, in units of the tolerance.
+    MIN_NOISE = 0.05
+    # Ratio of the rms motion of the features due to shaking joints to the upper bound that
+    # `_estimate_shaking` computes. It was measured in a recorded run.
+    SHAKING_FACTOR = 0.3
+    # Largest delay of a change of the joint speeds, as a fraction of an image period.
+    LATE_PART = 0.25
+    # A pair of images is used only if its motions predicted by the first L and by the second L
+    # differ by less than this fraction of the motion. With larger differences, the mean of both L
+    # is inaccurate: near a rotation of 180 degrees it leaves a third of the motion of moments
+    # unexplained.
+    MAX_L_CHANGE = 0.3
+
+    def __init__(self, jacobian: Callable[[np.ndarray], np.ndarray] | None = None) -> None:
+        """Create the check.
+
+        Args:
+            jacobian: function from joints (n,) to the arm's Jacobian (6, n); None if the camera's
+                motion is exact.
+        """
+        self._jacobian = jacobian
+        self._joints: JointSample | None = None
+        self._last_measurement: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+        self._normal, self._right = np.zeros((6, 6)), np.zeros(6)
+        self._square = self._path_length = 0.0
+        # Last row of the fit: predicted motion (k, 6) and measured motion (k,). The sums
+        # `_next_...` of products of successive rows give the correlation of their residuals.
+        self._last_row: tuple[np.ndarray, np.ndarray] | None = None
+        self._next_normal, self._next_right = np.zeros((6, 6)), np.zeros(6)
+        self._next_square = 0.0
+        self._rows = 0
+        self._fault: str | None = ""
+
+    def interrupt(self) -> None:
+        """Forget the previous image, because the image after it had no measurement."""
+        self._last_measurement = self._joints = self._last_row = None
+
+    def add(
+        self, scheme_output: SchemeOutput, observation: Observation, tolerances: np.ndarray,
+        is_angle: np.ndarray | None = None,
+    ) -> None:
+        """Add one image.
+
+        Args:
+            scheme_output: measurement of the image.
+            observation: observation of the image.
+            tolerances: (k,) tolerance of each component of the error.
+            is_angle: (k,) whether each component is an angle, which may wrap; None if all may wrap.
+        """
+        is_angle = np.ones(len(tolerances), bool) if is_angle is None else is_angle
+        L, error = scheme_output.L, scheme_output.error
+        before, self._last_measurement = self._last_measurement, None
+        joints, self._joints = self._joints, observation.joints
+        if L is None or L.shape != (len(error), 6):
+            return
+        self._last_measurement = (
+            error,
+            np.asarray(L, float),
+            np.array(scheme_output.error_drift, float, ndmin=1),
+        )
+        if before is None or observation.motion is None or len(before[0]) != len(error):
+            self._start_row(error)
+            return
+        predicted, wrapped, L_change = _predict_motion(
+            *before, *self._last_measurement, observation.motion, observation.dt, tolerances,
+            self._parts,
+            self._target_motion, is_angle,
+        )  # fmt: skip
+        if wrapped or L_change > max(self.MAX_L_CHANGE * predicted, self.MIN_ROW):
+            self._start_row(error)
+            return
+        self._images += 1
+        self._shaking = max(
+            self._shaking,
+            self._estimate_shaking(
+                joints, observation.joints, self._last_measurement[1], tolerances
+            ),
+        )
+        if predicted >= self.MIN_ROW:
+            self._add_row(predicted, (error - self._start_error - self._target_motion) / tolerances)
+        if predicted >= self.MIN_ROW or self._images >= self.MAX_IMAGES_PER_ROW:
+            self._start_row(error)
+
+    def _start_row(self, error: np.ndarray) -> None:
+        """Start a new row of the fit, a sum of motions, at an image with this error (k,)."""
+        self._start_error, self._parts = error, np.zeros((len(error), 6))
+        self._images, self._shaking, self._target_motion = 0, 0.0, np.zeros(len(error))
+
+    def _add_row(self, predicted: float, measured: np.ndarray) -> None:
+        """Add the sums over the latest images to the normal equations, as one row of the fit.
+
+        Args:
+            predicted: largest predicted motion of a feature, in units of the tolerance.
+            measured: (k,) measured motion of the features, in units of the tolerance.
+        """
+        weight = 1.0 / (1.0 + self.SHAKING_FACTOR * self._shaking)
+        parts, measured = weight * self._parts, weight * measured
+        self._normal += parts.T @ parts
+        self._right += parts.T @ measured
+        self._square += float(measured @ measured)
+        if self._last_row is not None and len(self._last_row[1]) == len(measured):
+            before, moved = self._last_row
+            self._next_normal += before.T @ parts
+            self._next_right += before.T @ measured + parts.T @ moved
+            self._next_square += float(moved @ measured)
+        self._last_row = parts, measured
+        self._path_length += weight * predicted
+        self._rows += len(measured)
+        self._fault = None
+
+    def _estimate_shaking(
+        self,
+        before: JointSample | None,
+        now: JointSample | None,
+        L: np.ndarray,
+        tolerances: np.ndarray,
+    ) -> float:
+        """Return an upper bound of the feature motion that the joint speeds do not explain.
+
+        Between two images, a joint may move differently than its speeds at these images predict.
+        The bound is in units of the tolerance of the features.
+
+        Args:
+            before, now: joint positions and velocities at the previous and at the present image.
+            L: (k, 6) interaction matrix of the features.
+            tolerances: (k,) tolerance of each component of the error.
+        """
+        if self._jacobian is None or before is None or now is None:
+            return 0.0
+        return _compute_unexplained(
+            before.positions, before.velocities, now.positions, now.velocities,
+            now.stamp - before.stamp, self.LATE_PART, self._jacobian(now.positions), L, tolerances,
+        )  # fmt: skip
+
+    def find_fault(self) -> str:
+        """Describe how the features contradict the camera model.
+
+        Return an empty text if they do not.
+        """
+        if self._fault is None:
+            self._fault = self._evaluate() if self._path_length > self.MIN_PATH else ""
+        return self._fault
+
+    def _evaluate(self) -> str:
+        depth, misfit, rest, direction, other_direction, scale, other_scale = _fit_scales(
+            self._normal, self._right, self._square, self._rows,
+            self.MIN_TRANSLATION, self.MIN_ROTATION, self.MIN_DIFFERENCE, self.MIN_DEVIATIONS,
+            self.MIN_NOISE,
+        )  # fmt: skip
+        text = "the features do not move as L and the arm's motion predict"
+        if depth <= 0.0:
+            return f"{text}: when the camera translates, they move in the opposite direction"
+        if (
+            misfit > self.MAX_MISFIT_PART
+            and rest > self.MIN_MISFIT
+            and self._is_smooth(depth, misfit)
+        ):
+            return f"{text}: {100.0 * misfit:.0f} % of the motion is not explained"
+        if direction < 0:
+            return ""
+        where = (
+            "in other directions"
+            if direction == other_direction
+            else f"along {DIRECTIONS[other_direction]}"
+        )
+        return (
+            f"along {DIRECTIONS[direction]} the features move {scale:.2f} times as far as L and "
+            f"the arm's motion predict, but {where} {other_scale:.2f} times as far"
+        )
+
+    def _is_smooth(self, depth: float, misfit: float) -> bool:
+        """Return whether successive rows of the fit have correlated residuals.
+
+        Args:
+            depth: fitted factor on all translations; the factor on the rotations is 1.
+            misfit: residual of the fit as a fraction of the squared motion of the features.
+        """
+        scale = np.array([depth] * 3 + [1.0] * 3)
+        product = self._next_square - scale @ self._next_right + scale @ self._next_normal @ scale
+        return bool(product > self.MIN_CORRELATION * misfit * self._square)
+
+
+@jit("f8[:,:]")
+def _invert(matrix):
+    """Invert a symmetric positive definite matrix (n, n) by Gauss-Jordan elimination.
+
+    A positive definite matrix needs no pivoting.
+    """
+    left, right, count = matrix.copy(), np.eye(len(matrix)), len(matrix)
+    for i in range(count):
+        pivot = left[i, i]
+        for j in range(count):
+            left[i, j], right[i, j] = left[i, j] / pivot, right[i, j] / pivot
+        for k in range(count):
+            if k == i:
+                continue
+            factor = left[k, i]
+            for j in range(count):
+                left[k, j] -= factor * left[i, j]
+                right[k, j] -= factor * right[i, j]
+    return right
+
+
+@jit("f8[:,:], f8[:], f8, f8, f8, f8, f8, f8, f8")
+def _fit_scales(
+    normal,
+    right,
+    square,
+    rows,
+    min_translation,
+    min_rotation,
+    min_difference,
+    deviations,
+    min_noise,
+):
+    """Fit a scale of the features' motion to each direction of the camera, and find a wrong scale.
+
+    The scales of the translations are compared with each other in pairs, and the scale of each
+    rotation is compared with 1.
+
+    Args:
+        normal, right: (6, 6), (6,) normal equations of the fit, `normal @ scale = right`.
+        square: sum of the squared motions of the features.
+        rows: number of motions in this sum.
+        min_translation, min_rotation, min_difference, deviations, min_noise: see the constants of
+            CameraModelCheck.
+
+    Returns:
+        Seven values. The first three belong to a fit in which all translations share one factor and
+        the rotations have the factor 1: this factor; the residual as a fraction of `square`; the
+        rms residual in units of the tolerance. The other four describe the wrong scale: the index
+        of its direction, -1 if no scale is wrong; the index of the direction that it is compared
+        with, the same for a rotation; and both scales, the second of which is 1 for a rotation.
+    """
+    translation_square = translation_right = coupling = 0.0
+    for i in range(3):
+        translation_right += right[i]
+        for j in range(3):
+            translation_square += normal[i, j]
+            coupling += normal[i, 3 + j]
+    depth = 1.0
+    if translation_square > min_translation**2:
+        depth = (translation_right - coupling) / translation_square
+    expected, damped = np.ones(6), normal.copy()
+    for i in range(6):
+        expected[i] = depth if i < 3 else 1.0
+        damped[i, i] += 0.1  # regularisation: a direction without motion keeps its expected scale
+    spread = _invert(damped)
+    scale, left, misfit = np.zeros(6), square, square
+    for i in range(6):
+        for j in range(6):
+            scale[i] += spread[i, j] * (right[j] + 0.1 * expected[j])
+    for i in range(6):
+        left -= 2.0 * right[i] * scale[i]
+        misfit -= 2.0 * right[i] * expected[i]
+        for j in range(6):
+            left += scale[i] * normal[i, j] * scale[j]
+            misfit += expected[i] * normal[i, j] * expected[j]
+    noise = max(np.sqrt(max(left, 0.0) / max(rows - 6.0, 1.0)), min_noise)
+    first, second, greatest = -1, -1, 0.0
+    for i in range(6):
+        for j in range(i if i < 3 else 1):
+            is_rotation = i > 2
+            difference = scale[i] - (1.0 if is_rotation else scale[j])
+            variance = spread[i, i]
+            if not is_rotation:
+                variance += spread[j, j] - 2.0 * spread[i, j]
+            deviation, unit = np.sqrt(variance), 1.0 if is_rotation else abs(depth)
+            # Errors of the measured camera motion reduce the fitted scales by about this amount.
+            bias = max(left, 0.0) * variance
+            excess = (abs(difference) - deviations * noise * deviation) / unit - bias
+            excess -= min_difference
+            min_motion = min_rotation if is_rotation else min_translation
+            if deviation <= 1.0 / min_motion and excess > greatest:
+                first, second, greatest = i, i if is_rotation else j, excess
+    if first != second and abs(scale[first] - 1.0) < abs(scale[second] - 1.0):
+        first, second = second, first
+    second_scale = 1.0 if first == second else scale[second]
+    rest = np.sqrt(max(misfit, 0.0) / rows)
+    return depth, misfit / square, rest, first, second, scale[max(first, 0)], second_scale
+
+
+@jit("f8[:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], f8[:], f8, f8[:], f8[:,::1], f8[::1], "
+          "b1[:]", allocates=False)
+def _predict_motion(
+    error_before,
+    L_before,
+    error_drift_before,
+    error,
+    L,
+    error_drift,
+    motion,
+    dt,
+    tolerances,
+    parts,
+    target_motion,
+    is_angle,
+):
+    """Predict the features' motion since the previous image, and add it to `parts`.
+
+    Args:
+        error_before, error: (k,) error at the previous and at the present image.
+        L_before, L: (k, 6) interaction matrix at each of the two images.
+        error_drift_before, error_drift: (k,) or (1,) rate of each error component due to the
+            target's motion, per s.
+        motion: (6,) camera motion between the two images.
+        dt: time between the two images, s.
+        tolerances: (k,) unit of `parts`.
+        parts: (k, 6) motion of each feature due to each direction of the camera, summed over the
+            images of a row, in units of the tolerance; modified in place.
+        target_motion: (k,) motion of each feature due to the target, summed over the images of a
+            row; modified in place.
+        is_angle: (k,) whether each component is an angle, which may wrap.
+
+    Returns:
+        The largest predicted motion of a feature in this row, in units of the tolerance; whether an
+        angle wrapped; the largest change of the predicted motion due to the difference of the two
+        L, in units of the tolerance.
+    """
+    widest, greatest, wrapped, interaction_change = 0.0, 0.0, False, 0.0
+    for i in range(len(error)):
+        if is_angle[i]:
+            widest = max(widest, tolerances[i])
+    for i in range(len(error)):
+        predicted = changed = 0.0
+        for j in range(6):
+            parts[i, j] += 0.5 * (L_before[i, j] + L[i, j]) * motion[j] / tolerances[i]
+            predicted += parts[i, j]
+            changed += (L[i, j] - L_before[i, j]) * motion[j] / tolerances[i]
+        interaction_change = max(interaction_change, abs(changed))
+        greatest = max(greatest, abs(predicted))
+        if is_angle[i]:
+            wrapped |= abs(error[i] - error_before[i]) / tolerances[i] > 1.0 / widest
+        drift_sum = (
+            error_drift_before[min(i, len(error_drift_before) - 1)]
+            + error_drift[min(i, len(error_drift) - 1)]
+        )
+        target_motion[i] += 0.5 * drift_sum * dt
+    return greatest, wrapped, interaction_change
+
+
+@jit("f8[:], f8[:], f8[:], f8[:], f8, f8, f8[:,:], f8[:,:], f8[:]", allocates=False)
+def _compute_unexplained(q_before, v_before, q, v, dt, late, jacobian, L, tolerances):
+    """Return the largest feature motion that the joint speeds do not explain.
+
+    A joint may move differently between two images than its speeds at these images predict. The
+    result is in units of the tolerance.
+
+    Args:
+        q_before, q: (n,) joint positions at two images.
+        v_before, v: (n,) joint speeds at the same two images.
+        dt: time between the two images, s.
+        late: fraction of dt in which a joint may still move at its previous speed.
+        jacobian: (6, n) Jacobian of the arm.
+        L: (k, 6) interaction matrix of the features.
+        tolerances: (k,) tolerances of the features.
+    """
+    greatest = 0.0
+    for j in range(len(q)):
+        change = v[j] - v_before[j]
+        expected = (v_before[j] + 0.5 * change) * dt
+        unexplained = abs(q[j] - q_before[j] - expected) + late * dt * abs(change)
+        for i in range(len(L)):
+            moved = 0.0
+            for k in range(6):
+                moved += L[i, k] * (jacobian[k, j] * unexplained)
+            greatest = max(greatest, abs(moved / tolerances[i]))
+    return greatest

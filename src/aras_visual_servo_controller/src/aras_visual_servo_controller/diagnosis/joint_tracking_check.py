@@ -1,0 +1,154 @@
+"""Check whether the joints follow their commanded velocities."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from aras_visual_servo_base.compiled import jit
+
+from ..observation.vector_history import VectorHistory
+
+
+class JointTrackingCheck:
+    """Test for joints that lag behind their commands or oscillate, over the last SPAN seconds.
+
+    A joint lags if the loop waits for it in most images (see the settings `lead` and `lag`), or if
+    the loop waits in some images and the joint has moved only a small part of the commanded
+    distance.
+    """
+
+    SPAN = 1.5  # duration over which joint states are evaluated, s
+    # If the loop waits for any joint in more than this fraction of the images, all joints for which
+    # it has waited count as lagging.
+    MAX_WAITING_PART = 0.6
+    # If the loop waits in a smaller fraction of the images than MAX_WAITING_PART, a joint lags
+    # under two conditions: the loop waits for the joint in more than MIN_WAITING_PART of the
+    # images, and the joint makes less than MIN_MOTION_PART of its commanded motion.
+    MIN_WAITING_PART = 0.1
+    MIN_MOTION_PART = 0.1
+    # Lagging joints are slow, and not blocked, if all of them move faster than this (rad/s or m/s).
+    SLOW_SPEED = 1e-3
+    # A joint oscillates if the rms difference between its measured and commanded velocities exceeds
+    # both MIN_SPEED_ERROR (rad/s or m/s) and SPEED_ERROR_FACTOR times its rms commanded velocity.
+    MIN_SPEED_ERROR, SPEED_ERROR_FACTOR = 0.5, 3.0
+    CHECK_PERIOD = 5  # number of images between two evaluations of the joints
+    # Joint states that cover at least this duration (s) are needed to detect an oscillation of a
+    # joint.
+    MIN_SPAN = 0.3
+
+    def __init__(self, names: Sequence[str] = (), lengths: np.ndarray | float = 1.0) -> None:
+        """Create the check.
+
+        Args:
+            names: names of the n joints.
+            lengths: (n,) motion of each joint (rad or m) that counts as one unit.
+        """
+        self._names, waits = tuple(names), np.ones(len(names))
+        # Units in which the columns of `_samples` are stored: 1 for the flags of waiting, and
+        # `lengths` for commanded and measured velocities.
+        self._units = np.concatenate([waits, waits * lengths, waits * lengths])
+        self._samples = VectorHistory()
+        self._new_images = 0
+        self.joints, self.reason = "", ""
+        # Whether the lagging joints move towards their commands, but too slowly.
+        self.is_slow = False
+
+    def add(
+        self, stamp: float, late: np.ndarray, commanded: np.ndarray, measured: np.ndarray
+    ) -> None:
+        """Add the joints at one image.
+
+        Args:
+            stamp: stamp of the image, s.
+            late: (n,) whether the loop waits for each joint.
+            commanded, measured: (n,) velocities, rad/s or m/s.
+        """
+        samples = self._samples
+        samples.add(stamp, np.array((late, commanded, measured)).ravel())
+        self._new_images += 1
+        if self._new_images >= self.CHECK_PERIOD:
+            self._new_images = 0
+            samples.drop_before(stamp - self.SPAN)
+            self._judge(stamp - samples.stamps[0])
+
+    def _judge(self, span: float) -> None:
+        rows = self._samples.errors / self._units
+        late, waiting_part, motion, commanded, speed_error, max_speed = _sum_rows(rows)
+        lags = late > 0.0
+        if waiting_part <= self.MAX_WAITING_PART:
+            lags = (motion < self.MIN_MOTION_PART * commanded) & (late > self.MIN_WAITING_PART)
+        lags &= span >= 0.9 * self.SPAN
+        oscillates = (
+            (span > self.MIN_SPAN)
+            & (speed_error > self.MIN_SPEED_ERROR**2)
+            & (speed_error > self.SPEED_ERROR_FACTOR**2 * commanded)
+        )
+        self.joints, self.is_slow, self.reason = "", True, ""
+        is_oscillating = oscillates.any()
+        if not is_oscillating and not lags.any():
+            return
+        self.joints = self._format_names(oscillates if is_oscillating else lags)
+        self.is_slow = not is_oscillating and bool((max_speed[lags] > self.SLOW_SPEED).all())
+        if is_oscillating:
+            fastest = max_speed[oscillates].max()
+            self.reason = (
+                f"the motion of {self.joints} oscillates without a command, at up to "
+                f"{fastest:.1f} rad/s or m/s"
+            )
+        else:
+            self.reason = f"the motion of {self.joints} does not follow the command"
+
+    def _format_names(self, joints: np.ndarray) -> str:
+        """Return the names of the joints for which `joints` (n,) is True, as text."""
+        names = [name for name, is_selected in zip(self._names, joints, strict=True) if is_selected]
+        return join_names(names)
+
+
+def join_names(names: Sequence[str]) -> str:
+    """Join names as 'a, b and c'."""
+    return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
+
+
+def describe_foreign_nodes(nodes: Mapping[str, str]) -> str:
+    """Describe which other nodes command which joints; empty text if none does.
+
+    Args:
+        nodes: name of the commanding node, by joint name.
+    """
+    joints = {node: [j for j, n in nodes.items() if n == node] for node in nodes.values()}
+    return "; ".join(f"{node} commands {join_names(names)}" for node, names in joints.items())
+
+
+@jit("f8[:,:]")
+def _sum_rows(rows):
+    """Compute statistics of the joints over m images.
+
+    Args:
+        rows: (m, 3 n) one row per image: whether the loop waits for each joint, commanded
+            velocities, measured velocities.
+
+    Returns:
+        The fraction (n,) of the images in which the loop waits for each joint; the fraction in
+        which it waits for any joint; the means (n,) of the product of commanded and measured
+        velocity, of the squared commanded velocity, and of the squared difference of both; the
+        largest measured speeds (n,).
+    """
+    count, n = rows.shape[0], rows.shape[1] // 3
+    sums, max_speed, waiting = np.zeros((4, n)), np.zeros(n), 0.0
+    for row in rows:
+        any_late = 0.0
+        for i in range(n):
+            commanded, measured = row[n + i], row[2 * n + i]
+            sums[0, i] += row[i]
+            sums[1, i] += commanded * measured
+            sums[2, i] += commanded * commanded
+            sums[3, i] += (measured - commanded) ** 2
+            max_speed[i] = max(max_speed[i], abs(measured))
+            any_late = max(any_late, row[i])
+        waiting += any_late
+    for k in range(4):
+        for i in range(n):
+            sums[k, i] /= count
+    return sums[0], waiting / count, sums[1], sums[2], sums[3], max_speed

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from aras_visual_servo_bench.errors import RefusedRequestError
-from aras_visual_servo_bench.visualization.run_trace import RunTrace
+from aras_visual_servo_bench.visualization.run_drawing import RunDrawing
 from aras_visual_servo_bench.web.live.page_state import PageState
 from aras_visual_servo_bench.web.live.robot_model import make_robot_model
 from aras_visual_servo_bench.web.live.server import PageHost
@@ -43,7 +43,7 @@ class OfflineHost(PageHost):
     def __init__(self, robot, camera) -> None:
         self.arm = robot.make_arm()
         self._robot = robot
-        self.page, self.run_trace = PageState(), RunTrace(self.arm)
+        self.page, self.run_trace = PageState(), RunDrawing(self.arm)
         self.run_trace.camera = camera
         self.q = np.array([-0.1, 0.0, 0.349, -0.262, -0.087, 0.1745])
         self.goal = np.array([0.05, 0.0, -0.09, 0.045, 0.045, 0.0])

@@ -28,7 +28,7 @@ from aras_visual_servo_bench.studies.study_progress import StudyProgress
 from aras_visual_servo_bench.web.browse.reports import Reports
 from aras_visual_servo_bench.web.browse.server import BrowseServer, serve
 from aras_visual_servo_bench.web.browse.studies import Studies
-from aras_visual_servo_bench.web.server import PortTakenError, bind_free_port, start_server
+from aras_visual_servo_bench.web.server import NoFreePortError, bind_free_port, start_server
 
 GRID = {"experiment": {"plant": "free", "duration": 0.5},
         "vary": {"gain": [1.0, 4.0, 8.0], "delay": [0.05, 0.2]},
@@ -509,7 +509,7 @@ def test_a_port_that_is_taken_is_said_and_another_used(folder):
     found = serve([folder], "127.0.0.1", taken, say=said.append)
     try:
         assert found.access.port != taken and f"port {taken} is taken" in said[0]
-        with pytest.raises(PortTakenError, match="use an address of this machine"):
+        with pytest.raises(NoFreePortError, match="use an address of this machine"):
             serve([folder], "192.0.2.1", taken, say=said.append)
     finally:
         found.close()

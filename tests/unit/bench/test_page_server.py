@@ -25,13 +25,13 @@ from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_bench.ros.session_files import SessionFiles
 from aras_visual_servo_bench.visualization.drawing_shapes import LINES, DrawingShape
 from aras_visual_servo_bench.visualization.robot_visuals import collect_visuals
-from aras_visual_servo_bench.visualization.run_trace import RunTrace
+from aras_visual_servo_bench.visualization.run_drawing import RunDrawing
 from aras_visual_servo_bench.web.live.outbox import MAX_UNACKNOWLEDGED
 from aras_visual_servo_bench.web.live.page_state import PageState
 from aras_visual_servo_bench.web.live.plot_samples import MAX_SAMPLES
 from aras_visual_servo_bench.web.live.robot_model import make_robot_model
 from aras_visual_servo_bench.web.live.server import serve
-from aras_visual_servo_bench.web.server import PortTakenError, bind_free_port
+from aras_visual_servo_bench.web.server import NoFreePortError, bind_free_port
 
 SAMPLE = told(error=(0.1, -0.2))
 
@@ -370,7 +370,7 @@ def test_a_taken_port_is_said_and_the_next_one_is_taken():
         assert port < sockets[0].getsockname()[1] <= port + 20
         for found in sockets:
             found.close()
-    with pytest.raises(PortTakenError, match="cannot listen on 192.0.2.1"):
+    with pytest.raises(NoFreePortError, match="cannot listen on 192.0.2.1"):
         bind_free_port("192.0.2.1", port)
     sockets, word = bind_free_port("127.0.0.1", port)
     assert word == "" and sockets[0].getsockname()[1] == port
@@ -378,7 +378,7 @@ def test_a_taken_port_is_said_and_the_next_one_is_taken():
         found.close()
     with socket.socket() as last:
         last.bind(("127.0.0.1", 65535))
-        with pytest.raises(PortTakenError, match="no free port from 65535 to 65535 on"):
+        with pytest.raises(NoFreePortError, match="no free port from 65535 to 65535 on"):
             bind_free_port("127.0.0.1", 65535)
 
 
@@ -467,7 +467,7 @@ def test_the_plots_show_one_run(phases, kept):
 
 
 def test_an_image_without_features_keeps_units_and_tolerances(host):
-    page, trace = PageState(), RunTrace(host.arm)
+    page, trace = PageState(), RunDrawing(host.arm)
     state = told(names=("xn", "yn", "an", "alpha"), error=(0.1, 0.2, 0.3, 0.4))
     lost = replace(state, stamp=1.1, phase="holding", scheme_output=None)
     page.add_sample(state, [])

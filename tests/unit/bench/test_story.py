@@ -31,11 +31,11 @@ from aras_visual_servo_bench.visualization.point_trajectory import (
     PointTrajectory,
 )
 from aras_visual_servo_bench.visualization.robot_visuals import collect_visuals
-from aras_visual_servo_bench.visualization.run_trace import (
+from aras_visual_servo_bench.visualization.run_drawing import (
     ARROW_SECONDS,
     FRUSTUM_SIZE,
     MAX_ARROW,
-    RunTrace,
+    RunDrawing,
 )
 from aras_visual_servo_bench.web.live.robot_model import make_robot_model
 from aras_visual_servo_camera.camera_model import CameraModel
@@ -48,7 +48,7 @@ SERVOING = told()
 
 @pytest.fixture
 def story(arm, pinhole):
-    told = RunTrace(arm)
+    told = RunDrawing(arm)
     told.camera = pinhole
     told.goal = np.array(arm.pose(BENT))
     return told
@@ -256,7 +256,7 @@ TWIST = (0.05, -0.025, 0.1, 0.3, -0.2, 0.5)
 
 @pytest.fixture
 def trace(arm, pinhole):
-    found = RunTrace(arm)
+    found = RunDrawing(arm)
     found.camera, found.goal = pinhole, np.array(arm.pose(BENT))
     found.outline = np.array([[0.1, 0.2], [-0.1, 0.2], [0.0, -0.3]])
     for q, x in ((BENT, 0.1), (STRAIGHT, 0.3)):
@@ -289,7 +289,7 @@ def test_the_camera_is_a_pyramid_of_sixteen_centimetres_of_the_camera_there_is(t
 
 
 def test_places_nearer_than_half_a_millimetre_are_one(arm):
-    trace = RunTrace(arm)
+    trace = RunDrawing(arm)
     slide = np.eye(len(STRAIGHT))[np.argmax(arm.is_prismatic)]
     for shift in (0.0, 0.45e-3, 0.55e-3):
         trace.add_state(told(), STRAIGHT + shift * slide)
@@ -315,7 +315,7 @@ def test_an_arrow_is_two_seconds_or_a_tenth_of_the_angle_long_within_its_bounds(
 
 
 def test_the_straight_path_is_unknown_without_start_or_goal(arm):
-    trace = RunTrace(arm)
+    trace = RunDrawing(arm)
     assert trace.compute_ideal_path().shape == (0, 3)
     trace.add_state(told(), STRAIGHT)
     assert trace.compute_ideal_path().shape == (0, 3)

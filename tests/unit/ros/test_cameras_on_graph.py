@@ -43,7 +43,7 @@ from aras_sim_bridge.ros.camera.compressed import (
 from aras_sim_bridge.ros.camera.info import add_prefix, find_calibration_path
 from aras_sim_bridge.ros.camera.points_topic import PointsTopic
 from aras_sim_bridge.ros.camera.topics import CameraTopics
-from aras_sim_bridge.ros.runtime.graph_entities import GraphEntities
+from aras_sim_bridge.ros.runtime.device_interfaces import DeviceInterfaces
 
 MS = 1_000_000
 
@@ -604,7 +604,7 @@ def test_all_there_is_has_its_topics_and_services_each_for_itself(
     thread.call(lambda: simulation.spawn(parse_urdf(RIG), "rig", namespace="/rig"))
     thread.call(lambda: simulation.add_camera("eye", SETTINGS))
     take_names(monkeypatch, taken)
-    on_graph = GraphEntities(thread, lambda: rounds.append(1))
+    on_graph = DeviceInterfaces(thread, lambda: rounds.append(1))
     assert on_graph.restart_record is not None and not graph.parameters
     thread.limits.clear()
     on_graph.sync()

@@ -25,7 +25,7 @@ from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import RefusedRequestError
 from aras_visual_servo_bench.ros import page_commands as page
 from aras_visual_servo_bench.ros.graph_listener import GraphListener, make_listener_settings
-from aras_visual_servo_bench.visualization.run_trace import RunTrace
+from aras_visual_servo_bench.visualization.run_drawing import RunDrawing
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.kinematics import Arm
 
@@ -78,7 +78,7 @@ def asked(graph, life, monkeypatch, tmp_path, roslaunch):
 
 
 def use_arm(asked, arm):
-    asked.listener.run_trace = RunTrace(arm)
+    asked.listener.run_trace = RunDrawing(arm)
 
 
 def test_what_may_be_chosen(asked):

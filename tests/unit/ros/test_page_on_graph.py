@@ -25,10 +25,10 @@ from aras_visual_servo_bench.ros import dashboard, teleoperator
 from aras_visual_servo_bench.ros import rviz_markers as markers
 from aras_visual_servo_bench.ros import target_drawing_updater as target_watch
 from aras_visual_servo_bench.ros.graph_listener import GraphListener, make_listener_settings
-from aras_visual_servo_bench.ros.overlay_subscriber import (
+from aras_visual_servo_bench.ros.live_image_subscriber import (
     OVERLAY_NOTE,
     PLAIN_NOTE,
-    OverlaySubscriber,
+    LiveImageSubscriber,
 )
 from aras_visual_servo_bench.ros.target_pose_reader import TargetPoseReader, has_moved
 from aras_visual_servo_bench.visualization.drawing_shapes import (
@@ -39,7 +39,7 @@ from aras_visual_servo_bench.visualization.drawing_shapes import (
     TEXT,
     DrawingShape,
 )
-from aras_visual_servo_bench.visualization.run_trace import RunTrace
+from aras_visual_servo_bench.visualization.run_drawing import RunDrawing
 from aras_visual_servo_bench.web.live.page_requests import PageRequest
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError
 from aras_visual_servo_controller.kinematics import Arm
@@ -65,7 +65,7 @@ def listener(graph, life):
 
 def test_pictures_are_heard_while_somebody_looks(graph):
     overlay, plain = "/two/camera/overlay", "/eye/camera/image_raw"
-    pictures = OverlaySubscriber("/two", "/eye/camera")
+    pictures = LiveImageSubscriber("/two", "/eye/camera")
     pictures.choose_topic()
     assert not graph.subscribers and pictures.note == PLAIN_NOTE
     pictures.set_viewer_count(2)
@@ -154,7 +154,7 @@ def test_a_model_has_moved_when_one_of_its_numbers_has():
 
 def test_the_target_is_drawn_where_it_lies_twice_a_second(graph, life, world):
     story, watch = (
-        RunTrace(Arm.from_urdf(ARM, "camera_optical_frame")),
+        RunDrawing(Arm.from_urdf(ARM, "camera_optical_frame")),
         target_watch.TargetDrawingUpdater(),
     )
     graph.parameters["/target_description"] = SQUARE
@@ -346,7 +346,7 @@ def test_another_robot_is_driven_by_topics_of_its_own(graph, life, listener, dri
     first = graph.publishers["/two/both"]
     driven.move_joint("elbow", 0.5)
     assert graph.publishers["/two/both"] is first
-    listener.run_trace = RunTrace(Arm.from_urdf(ARM.replace('"elbow"', '"wrist"'),
+    listener.run_trace = RunDrawing(Arm.from_urdf(ARM.replace('"elbow"', '"wrist"'),
                                          "camera_optical_frame"))
     driven.move_joint("wrist", 0.5)
     assert first.impl is None and driven.run(0.1) != []

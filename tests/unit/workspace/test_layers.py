@@ -105,7 +105,7 @@ FLOORS = {
 BRIDGE_FLOORS = FLOORS["aras_sim_bridge"]
 # What may import pages, inside functions or for types alone: commands and nodes that start one, and
 # the public interface.
-STARTERS = ("__init__.py", "cli/analyze.py", "cli/browse.py", "cli/show_tune.py",
+STARTERS = ("__init__.py", "cli/analyze.py", "cli/browse.py", "cli/show_and_tune.py",
             "ros/dashboard.py", "ros/demo.py")  # fmt: skip
 # Whose methods pass their object to a function of a floor above, by `import_later`.
 PASSING_UP = ("recording/presentable_run.py", "studies/results.py", "studies/study.py")

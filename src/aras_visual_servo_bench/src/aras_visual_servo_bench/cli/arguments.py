@@ -205,7 +205,7 @@ def _add_show(commands: Commands) -> None:
     show.add_argument("--out", type=Path, metavar="DIR", help="folder for the report of a run "
                       "(default: show-RUN in the study folder), or for the experiment, parameters, "
                       "description and goal of a bag")
-    _set_function(show, "show_tune", "show")
+    _set_function(show, "show_and_tune", "show")
 
 
 def _add_tune(commands: Commands) -> None:
@@ -224,7 +224,7 @@ def _add_tune(commands: Commands) -> None:
                       help="required success rate, 0 to 1 (default %(default)s)")
     tune.add_argument("--out", type=Path, required=True, help="output folder of the candidates")
     _add_workers(tune)
-    _set_function(tune, "show_tune", "tune")
+    _set_function(tune, "show_and_tune", "tune")
 
 
 def _add_analyze(commands: Commands) -> None:
@@ -262,4 +262,4 @@ def _add_check(commands: Commands) -> None:
     check.add_argument("--step", type=float, default=STEP, metavar="H",
                        help="step of the finite differences: a fraction of the depth for "
                             "translations, rad for rotations (default %(default)s)")
-    _set_function(check, "check", "check_interaction")
+    _set_function(check, "check_interaction", "check_interaction")

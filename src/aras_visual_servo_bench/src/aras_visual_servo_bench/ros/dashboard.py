@@ -58,7 +58,7 @@ class Dashboard:
             directory: folder for goals, bags and reports.
         """
         from ..web.live.page_state import PageState
-        from .overlay_subscriber import OverlaySubscriber
+        from .live_image_subscriber import LiveImageSubscriber
         from .page_commands import PageCommands
         from .session_files import SessionFiles
         from .target_drawing_updater import TargetDrawingUpdater
@@ -70,7 +70,7 @@ class Dashboard:
         self._session_files, self._target = SessionFiles(directory), TargetDrawingUpdater()
         self._session_files.check_recording = self._check_time
         self._teleoperator = Teleoperator(listener, settings)
-        self._images = OverlaySubscriber(
+        self._images = LiveImageSubscriber(
             settings.namespace.rstrip("/"), settings.camera_namespace.rstrip("/")
         )
         self._model: tuple[str, dict[str, Any]] = ("", {})

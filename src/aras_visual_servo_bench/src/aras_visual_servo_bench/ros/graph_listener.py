@@ -1,4 +1,4 @@
-"""Subscribers of one robot's topics, which update the RunTrace of its run.
+"""Subscribers of one robot's topics, which update the RunDrawing of its run.
 
 The trace restarts when another robot is spawned or the clock is reset.
 """
@@ -32,7 +32,7 @@ from aras_visual_servo_controller.ros.node_settings import find_package_folder
 from aras_visual_servo_controller.ros.recorded_messages import read_state
 from aras_visual_servo_controller.settings import ControllerSettings
 
-from ..visualization.run_trace import NO_STATE, RunTrace
+from ..visualization.run_drawing import NO_STATE, RunDrawing
 from .real_time_factor import RealTimeFactor
 
 # Time without a joint state after which the real-time factor is unknown, s of wall time.
@@ -69,7 +69,7 @@ class GraphListener:
         self.settings = settings
         self.on_state: Callable[[State, Sequence[float]], None] | None = None
         self.robot_name, self.robot_count = "", 0
-        self.run_trace: RunTrace | None = None
+        self.run_trace: RunDrawing | None = None
         self.urdf = ""
         self.restart_count = 0
         self.positions: np.ndarray | None = None
@@ -103,7 +103,7 @@ class GraphListener:
         ):
             rospy.Subscriber(topic, kind, callback, queue_size=queue_size, tcp_nodelay=True)
 
-    def update(self) -> RunTrace | None:
+    def update(self) -> RunDrawing | None:
         """Check whether another robot was spawned, and return the updated trace.
 
         Return None if there is no robot.
@@ -116,13 +116,13 @@ class GraphListener:
             name = read_robot_name(urdf)
             arm = self.settings.for_robot(name, ()).make_arm(urdf)
             with self.lock:
-                self.urdf, self.run_trace, self.robot_name = urdf, RunTrace(arm), name
+                self.urdf, self.run_trace, self.robot_name = urdf, RunDrawing(arm), name
                 self.robot_count += 1
                 self.positions = self.velocities = None
                 self.restart_count += 1
         return self.refresh()
 
-    def refresh(self) -> RunTrace | None:
+    def refresh(self) -> RunDrawing | None:
         """Return the trace, updated from the latest messages; return None if there is no robot."""
         trace = self.run_trace
         if trace is None:
@@ -169,7 +169,7 @@ class GraphListener:
             if self.run_trace is not None:
                 self.run_trace.state = NO_STATE
 
-    def _read_joints(self, run_trace: RunTrace) -> None:
+    def _read_joints(self, run_trace: RunDrawing) -> None:
         content, self._joints_message = self._joints_message, b""
         if not content:
             return

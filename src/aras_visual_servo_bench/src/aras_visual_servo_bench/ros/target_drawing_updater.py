@@ -13,7 +13,7 @@ from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.ros.conversions import from_pose
 
 from ..visualization.model_drawing import EMPTY_DRAWING, ModelDrawing, draw_model
-from ..visualization.run_trace import RunTrace
+from ..visualization.run_drawing import RunDrawing
 from .target_pose_reader import TARGET, TOPIC, TargetPoseReader
 
 TARGET_DESCRIPTION = "/target_description"
@@ -21,7 +21,7 @@ PERIOD = 0.5  # shortest time between two queries of the target's pose, s of wal
 
 
 class TargetDrawingUpdater:
-    """Updates the drawing of the target in a RunTrace, which is the drawing of a run.
+    """Updates the drawing of the target in a RunDrawing, which is the drawing of a run.
 
     Attributes:
         missing_reason: message if the simulation has no target, otherwise ''.
@@ -37,8 +37,8 @@ class TargetDrawingUpdater:
         self._recorded_pose: PoseStamped | None = None
         rospy.Subscriber(TOPIC, PoseStamped, self._on_target, queue_size=1)
 
-    def update(self, run_trace: RunTrace, robot: str) -> None:
-        """Set the drawing of the target in a RunTrace; query its pose at most once per PERIOD.
+    def update(self, run_trace: RunDrawing, robot: str) -> None:
+        """Set the drawing of the target in a RunDrawing; query its pose at most once per PERIOD.
 
         The drawing is in the base frame of the robot, or in the world frame if the simulator has no
         model `robot`. A target that the arm carries is not drawn.

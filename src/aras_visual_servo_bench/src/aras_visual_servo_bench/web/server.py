@@ -43,7 +43,7 @@ REPORT_POLICY = ("default-src 'none'; style-src 'unsafe-inline'; img-src data:; 
 CONTENT_TYPES = {"js": "text/javascript", "css": "text/css"}
 
 
-class PortTakenError(BenchError):
+class NoFreePortError(BenchError):
     """No port is free."""
 
 
@@ -54,7 +54,7 @@ def bind_free_port(host: str, port: int) -> tuple[list[socket.socket], str]:
         The listening sockets; and a note if `port` is not free, otherwise ''.
 
     Raises:
-        PortTakenError: no port is free, or the address does not belong to this machine.
+        NoFreePortError: no port is free, or the address does not belong to this machine.
     """
     last = min(port + MAX_PORTS, 65536)
     for candidate in range(port, last):
@@ -63,12 +63,12 @@ def bind_free_port(host: str, port: int) -> tuple[list[socket.socket], str]:
         except OSError as error:
             if error.errno in (errno.EADDRINUSE, errno.EACCES):
                 continue
-            raise PortTakenError(f"the server cannot listen on {host}:{port}: {error.strerror}; "
-                                 "use an address of this machine") from error  # fmt: skip
+            raise NoFreePortError(f"the server cannot listen on {host}:{port}: {error.strerror}; "
+                                  "use an address of this machine") from error  # fmt: skip
         note = "" if candidate == port else f"port {port} is taken"
         return sockets, note
-    raise PortTakenError(f"there is no free port from {port} to {last - 1} on {host}: use "
-                         "another port")  # fmt: skip
+    raise NoFreePortError(f"there is no free port from {port} to {last - 1} on {host}: use "
+                          "another port")  # fmt: skip
 
 
 class WebServer(ABC):
@@ -249,7 +249,7 @@ def start_server(
         say: function that is called with a message that contains the URL.
 
     Raises:
-        PortTakenError: no port is free.
+        NoFreePortError: no port is free.
     """
     sockets, note = bind_free_port(address, port)
     bound_port = sockets[0].getsockname()[1]

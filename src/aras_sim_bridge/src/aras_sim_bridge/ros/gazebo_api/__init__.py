@@ -10,7 +10,7 @@ from aras_sim_bridge.ros.gazebo_api.model_services import ModelServices
 from aras_sim_bridge.ros.gazebo_api.physics_properties import PhysicsProperties
 from aras_sim_bridge.ros.gazebo_api.states import ModelStateTopics, subscribe_states
 from aras_sim_bridge.ros.gazebo_api.world import TimeReset
-from aras_sim_bridge.ros.runtime.graph_entities import GraphEntities
+from aras_sim_bridge.ros.runtime.device_interfaces import DeviceInterfaces
 from aras_sim_bridge.ros.runtime.services import ServiceTable, find_handlers
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 
@@ -23,7 +23,7 @@ class GazeboApi:
     def __init__(
         self,
         thread: SimulationThread,
-        graph_entities: GraphEntities,
+        device_interfaces: DeviceInterfaces,
         on_time_reset: Callable[[], None],
         extra: bool = True,
         link_attacher: bool = False,
@@ -32,7 +32,7 @@ class GazeboApi:
 
         Args:
             thread: simulation thread.
-            graph_entities: ROS interfaces of the robots, cameras and sensors.
+            device_interfaces: ROS interfaces of the robots, cameras and sensors.
             on_time_reset: function that the simulation thread calls after a reset of simulated
                 time.
             extra: whether to add topics and services that are not part of gazebo_ros's API.
@@ -40,7 +40,7 @@ class GazeboApi:
         """
         self.states = ModelStateTopics(NAMESPACE, thread, extra)
         forces = AppliedForces(thread)
-        spawned = ModelServices(forces, graph_entities)
+        spawned = ModelServices(forces, device_interfaces)
         physics = PhysicsProperties(NAMESPACE, thread)
         reset = TimeReset(on_time_reset)
         ServiceTable(

@@ -23,7 +23,7 @@ from aras_sim_bridge.ros import conversions
 from aras_sim_bridge.ros.camera import settings
 from aras_sim_bridge.ros.gazebo_api import entities, spawn_requests
 from aras_sim_bridge.ros.gazebo_api.forces import AppliedForces
-from aras_sim_bridge.ros.runtime.graph_entities import GraphEntities
+from aras_sim_bridge.ros.runtime.device_interfaces import DeviceInterfaces
 from aras_sim_bridge.ros.runtime.services import Fields, service_handler
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation
@@ -38,16 +38,16 @@ LONGEST_NAME = 256  # largest length of a model's name, characters
 class ModelServices:
     """Services that spawn, delete and read models."""
 
-    def __init__(self, forces: AppliedForces, graph_entities: GraphEntities) -> None:
+    def __init__(self, forces: AppliedForces, device_interfaces: DeviceInterfaces) -> None:
         """Create the service handlers.
 
         Args:
             forces: the handlers remove the forces on a deleted model from it.
-            graph_entities: opens the ROS interfaces of a spawned model and closes those of a
+            device_interfaces: opens the ROS interfaces of a spawned model and closes those of a
                 deleted model.
         """
         self._forces = forces
-        self._graph_entities = graph_entities
+        self._device_interfaces = device_interfaces
         self._call_counts: dict[str, int] = {}
 
     @service_handler(SpawnModel, in_caller_thread=True)
@@ -109,8 +109,8 @@ class ModelServices:
 
         thread.call(job, SPAWN_TIMEOUT)
         settings.check_unused_names(presets, thread, description)
-        self._graph_entities.sync()
-        self._graph_entities.restart_record.add_model(service, request)
+        self._device_interfaces.sync()
+        self._device_interfaces.restart_record.add_model(service, request)
         return {"status_message": success_text}
 
     @service_handler(DeleteModel, in_caller_thread=True)
@@ -123,8 +123,8 @@ class ModelServices:
             thread.simulation.delete(request.model_name)
 
         thread.call(job)
-        self._graph_entities.sync()
-        self._graph_entities.restart_record.remove_model(request.model_name)
+        self._device_interfaces.sync()
+        self._device_interfaces.restart_record.remove_model(request.model_name)
         return {"status_message": f"DeleteModel: deleted '{request.model_name}'"}
 
     @service_handler(GetModelState, "got properties")

@@ -20,7 +20,7 @@ from aras_sim_bridge.errors import SimError, WindowError
 from aras_sim_bridge.ros.camera import settings
 from aras_sim_bridge.ros.gazebo_api import GazeboApi
 from aras_sim_bridge.ros.runtime.clock import ClockPublisher
-from aras_sim_bridge.ros.runtime.graph_entities import GraphEntities
+from aras_sim_bridge.ros.runtime.device_interfaces import DeviceInterfaces
 from aras_sim_bridge.ros.runtime.lockstep import Lockstep
 from aras_sim_bridge.ros.runtime.node_parameters import NodeParameters
 from aras_sim_bridge.ros.runtime.pacing import Pacer
@@ -77,14 +77,14 @@ class GazeboNode:
         self.thread.start()
         self.restart_record = RestartRecord(parameters.restore)
         before_frame = None if self.lockstep is None else self.lockstep.before_frame
-        self.graph_entities = GraphEntities(self.thread, before_frame, self.restart_record)
+        self.device_interfaces = DeviceInterfaces(self.thread, before_frame, self.restart_record)
         if parameters.enable_ros_network:
             self.api = GazeboApi(
-                self.thread, self.graph_entities, self.on_time_reset, parameters.extra_interfaces,
-                self.world_file.link_attacher,
+                self.thread, self.device_interfaces, self.on_time_reset,
+                parameters.extra_interfaces, self.world_file.link_attacher,
             )
             settings.mount_world_cameras(self.thread)
-            self.graph_entities.sync()
+            self.device_interfaces.sync()
             self.restart_record.restore()
         if not parameters.paused:
             self.thread.unpause()

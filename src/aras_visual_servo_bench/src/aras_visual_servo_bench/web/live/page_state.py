@@ -16,7 +16,7 @@ from aras_visual_servo_controller.records.state import ServoState
 
 from ...visualization.drawing_shapes import DIGITS, TEXT, DrawingShape
 from ...visualization.feature_units import find_feature_tolerances, find_feature_units
-from ...visualization.run_trace import RunTrace
+from ...visualization.run_drawing import RunDrawing
 from .plot_samples import PlotSamples, to_json_numbers
 
 
@@ -78,7 +78,7 @@ class PageState:
         }
 
     def make_update(
-        self, run_trace: RunTrace | None, joints: Sequence[float], velocities: Sequence[float],
+        self, run_trace: RunDrawing | None, joints: Sequence[float], velocities: Sequence[float],
         stamp: float,
     ) -> dict[str, Any]:  # fmt: skip
         """Return an update with all values that have changed since the last call.
@@ -139,7 +139,7 @@ class PageState:
         return changed
 
 
-def _describe_controller(run_trace: RunTrace, count: int) -> dict[str, Any]:
+def _describe_controller(run_trace: RunDrawing, count: int) -> dict[str, Any]:
     """Return the state of the controller, with the units and tolerances of the plotted quantities.
 
     count: number of features in the plots. It is given because an image without a measurement has

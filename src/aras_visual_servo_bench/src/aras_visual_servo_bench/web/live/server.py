@@ -259,7 +259,7 @@ def serve(
         say: function that is called with messages for the user, such as the URL.
 
     Raises:
-        PortTakenError: no port is free.
+        NoFreePortError: no port is free.
         BenchError: the plotting library uPlot is not installed.
     """
     server = start_server(

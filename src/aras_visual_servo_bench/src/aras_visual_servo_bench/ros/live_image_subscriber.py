@@ -21,7 +21,7 @@ OVERLAY_NOTE = "green: detected target \u2002 blue: desired view"
 PLAIN_NOTE = "camera image; the camera node is not running"
 
 
-class OverlaySubscriber:
+class LiveImageSubscriber:
     """Subscriber of the camera node's overlay: the camera image with the features drawn into it.
 
     If the camera node is not running, the raw image of the camera is used.

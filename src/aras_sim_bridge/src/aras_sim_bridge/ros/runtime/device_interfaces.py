@@ -27,7 +27,7 @@ Entity = ControlledModel | MountedCamera | PeriodicSensor
 EntityInterface = ManagerServices | CameraTopics | SensorTopic
 
 
-class GraphEntities:
+class DeviceInterfaces:
     """ROS interfaces: services of each robot, topics of each camera and sensor."""
 
     def __init__(

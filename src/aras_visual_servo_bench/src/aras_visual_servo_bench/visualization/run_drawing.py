@@ -1,6 +1,6 @@
 """3-D drawing of a run in progress: camera, goal, paths, twists, features and text.
 
-A RunTrace receives the values of ROS messages, and returns shapes in the frame of the arm's base.
+A RunDrawing receives the values of ROS messages, and returns shapes in the frame of the arm's base.
 It records the camera's path and the trajectories of the features from the start of servoing, and
 draws the straight path from this start to the goal.
 """
@@ -72,7 +72,7 @@ LEGEND = (  # text and colour of each line of the legend, from bottom to top
 NO_STATE = ServoState(0.0, "")  # placeholder until the controller reports its first state
 
 
-class RunTrace:
+class RunDrawing:
     """Drawing of the run of one robot.
 
     Attributes:

@@ -130,7 +130,7 @@ def test_symmetry_is_judged_free_of_scale() -> None:
     for scale in (1e-4, 1.0, 1e3):
         for shape, is_symmetric in ((TARGET, False), (RECTANGLE, True)):
             moments = Moments.from_polygon(shape * scale)
-            found = features.Orientation.from_moments(moments, FRONT)
+            found = features.TargetOrientation.from_moments(moments, FRONT)
             assert found.is_symmetric is is_symmetric
     half_turned = Moments.from_polygon(-RECTANGLE)
     reference = Reference.from_moments(Moments.from_polygon(RECTANGLE), 1.0)

@@ -39,9 +39,7 @@ def main(images: int = 240) -> float:
     goal = Goal.teach(scheme, at_goal)
     scheme.check(goal)
 
-    arm = FreeCameraKinematics(
-        WORLD_T_START
-    )  # q (6,) is the logarithm of the camera's displacement
+    arm = FreeCameraKinematics(WORLD_T_START)  # q (6,) is the logarithm of the displacement
     ik = DifferentialIK(arm, settings=IKSettings.for_free_camera(DEPTH, hold_gain=1.5))
     observer = FeatureObserver(arm, scheme.needs, compute_plane=goal.compute_plane)
     q = np.zeros(6)

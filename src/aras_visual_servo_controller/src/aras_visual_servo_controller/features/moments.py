@@ -55,9 +55,8 @@ HARMONICS = 9
 PARTS_PER_SIDE = 16  # number of points per side of the outline in the numerical integration
 # Tolerance of the features xn and yn: 0.5 mm for the laboratory's target at 0.2 m.
 CENTRE_TOLERANCE = DepthRelativeTolerance(0.0025)
-DEPTH_TOLERANCE = DepthRelativeTolerance(
-    0.005
-)  # tolerance of the feature an: 1 mm for the target at 0.2 m
+# Tolerance of the feature an: 1 mm for the target at 0.2 m.
+DEPTH_TOLERANCE = DepthRelativeTolerance(0.005)
 STEP = 1e-5  # displacement of the outline for finite differences, in normalised coordinates
 class _GoalMoments:
     """Quantities of one goal that the formulas of moments need, computed once."""

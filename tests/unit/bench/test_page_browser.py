@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from page_host import OfflineHost
 
 from aras_visual_servo_bench.visualization.drawing_shapes import LINES, DrawingShape
 from aras_visual_servo_bench.web.live.server import serve
@@ -554,6 +555,28 @@ def test_a_page_too_many_says_why_and_comes_in_when_one_is_closed(browser, serve
     assert tab.js("document.getElementById('error').hidden")
     for one in (*others[1:], tab):
         one.close()
+
+
+def test_a_page_opened_late_shows_the_run_from_its_start(browser, robot, pinhole, server):
+    """What came since the last page closed is in the first message and in the first update."""
+    alone, port = OfflineHost(robot, pinhole), server.access.port + 2000
+    again = serve(alone, "127.0.0.1", port, "a-token-of-sixteen", lambda _: None)
+    for k in range(90):
+        alone.move()
+        if k == 30:
+            alone.make_update()  # for a page that is closed now
+    tab = browser.open(again.access.address)
+    try:
+        tab.wait("window.arasPage && arasPage.state.samples.length > 0")
+        updates = alone.updates
+        while alone.updates < updates + 3:
+            tab.js("new Promise((go) => setTimeout(go, 50))")
+        samples = "arasPage.state.samples"
+        assert tab.js(f"[{samples}.length, {samples}[0][0], {samples}.at(-1)[0]]") == [
+            91, pytest.approx(1 / 30, abs=1e-3), pytest.approx(alone.time, abs=1e-3)]
+    finally:
+        tab.close()
+        again.close()
 
 
 def test_a_simulator_started_again_is_found_again(browser, host, server):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import threading
 from pathlib import Path
 from types import SimpleNamespace
@@ -309,7 +310,7 @@ def test_a_goal_is_announced(graph):
     topics = goal_topics.GoalPublishers("/two")
     assert {t: (told[1:]) for t, told in graph.told().items()} == {
         "/two/controller/goal": (1, True), "/two/controller/desired_outline": (1, True)}
-    arm = Robot(RobotSpec()).make_arm()
+    arm = copy.copy(Robot(RobotSpec()).make_arm())  # all tests of a process share the original
     servo = ControllerSettings.from_mapping(
         {}, SOURCES / "aras_visual_servo_controller"
     ).make_servo(arm)

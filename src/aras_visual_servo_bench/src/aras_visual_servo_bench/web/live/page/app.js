@@ -176,8 +176,7 @@ function addSamples(rows) {
   for (const row of rows) {
     if (row[0] === "clear") { state.samples = []; continue; }
     const last = state.samples.length ? state.samples[state.samples.length - 1][0] : -Infinity;
-    if (row[0] > last) state.samples.push(row);
-    else if (row[0] < last - 1) state.samples = [row];
+    if (row[0] > last) state.samples.push(row);  // earlier rows were in the full message, too
   }
   dirty = true;
 }

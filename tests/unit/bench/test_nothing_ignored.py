@@ -285,7 +285,7 @@ EXEMPT = {
     "ControllerParameters": {
         *EXPERIMENT_KEYS,
         *GRAPH_PARAMETERS,  # refused on every plant
-        "limit_avoidance",  # a free camera never needs it
+        "limit_avoidance",  # acts near a limit that is given
         "law_options",  # below
         "package",
         "scheme_timeout",  # test_hanging_scheme

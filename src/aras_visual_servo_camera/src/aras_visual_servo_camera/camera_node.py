@@ -49,10 +49,10 @@ class CameraNode:
         self.pipeline.drop_camera(f"no camera_info on {rospy.resolve_name(INFO_TOPIC)} yet")
         self._log_times: dict[str, float] = {}
         self._lock, self._stamp, self._last_image = Lock(), rospy.Time(), time.monotonic()
-        self._outputs = DetectionPublishers(parameters, self.pipeline, self._log)
+        self._publishers = DetectionPublishers(parameters, self.pipeline, self._log)
         segmentation = parameters.pipeline_settings.segmentation
         self._pairing = StampSynchronizer(segmentation.image_kinds)
-        self._label_topics = LabelSubscribers.for_segmentation(
+        self._label_subscribers = LabelSubscribers.for_segmentation(
             segmentation, CAMERA, self._add_image
         )
         options = {"queue_size": 1, "tcp_nodelay": True, "buff_size": BUFFER_SIZE}
@@ -67,7 +67,7 @@ class CameraNode:
     def check_images(self) -> None:
         """Log if no images arrive; this method must be called often."""
         if time.monotonic() - self._last_image > self.parameters.log_period:
-            label_topic = f" and {self._label_topics.topic}" if self._label_topics else ""
+            label_topic = f" and {self._label_subscribers.topic}" if self._label_subscribers else ""
             self._log(
                 "image", f"waiting for images on {rospy.resolve_name(IMAGE_TOPIC)}{label_topic}"
             )
@@ -92,13 +92,13 @@ class CameraNode:
                     # the stamps have jumped back, e.g. at a reset of the simulation
                     self.pipeline.reset()
                 self._stamp = message.header.stamp
-                if (labels := self._label_topics) is not None:
+                if (labels := self._label_subscribers) is not None:
                     image = replace(image, target_mask=labels.make_mask(messages["labels"]))
                 measurement = self.pipeline.measure(image)
         except VisionError as error:
             self._log("image unusable", f"image skipped: {error}")
             return
-        moments = self._outputs.publish(image, measurement, messages["image"])
+        moments = self._publishers.publish(image, measurement, messages["image"])
         if self.on_moments is not None:
             self.on_moments(moments)
 

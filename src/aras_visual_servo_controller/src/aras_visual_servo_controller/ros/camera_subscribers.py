@@ -35,12 +35,12 @@ class CameraSubscribers:
         self._early_images: dict[str, Image] = {}
         self._lock = threading.Lock()
         depth = Need.DEPTH in observer.needs
-        segmentation, self._label_topics = observer.segmentation, None
+        segmentation, self._label_subscribers = observer.segmentation, None
         needs_target = bool(observer.needs & SEGMENTED)
         kinds = segmentation.image_kinds if needs_target else ("image",)
         self._images = StampSynchronizer((*kinds, "depth") if depth else kinds)
         if needs_target:
-            self._label_topics = LabelSubscribers.for_segmentation(
+            self._label_subscribers = LabelSubscribers.for_segmentation(
                 segmentation, topics.namespace, self._add_image
             )
         options = {"queue_size": 1, "tcp_nodelay": True}
@@ -56,8 +56,8 @@ class CameraSubscribers:
         if depth:
             topic = f"{camera}/depth/image_raw"
             self.subscribers.append(rospy.Subscriber(topic, Image, self._on_depth, **large))
-        if self._label_topics is not None:
-            self.subscribers += self._label_topics.subscribers
+        if self._label_subscribers is not None:
+            self.subscribers += self._label_subscribers.subscribers
 
     def _on_info(self, message: CameraInfo) -> None:
         try:
@@ -95,9 +95,9 @@ class CameraSubscribers:
         try:
             image = decode(together["image"])
             depth = read_depth(together["depth"]) if "depth" in together else None
-            labelled = (
-                self._label_topics.make_mask(together["labels"]) if "labels" in together else None
-            )
+            labelled = None
+            if "labels" in together:
+                labelled = self._label_subscribers.make_mask(together["labels"])
         except VisionError as error:
             rospy.logwarn_throttle(5.0, f"image skipped: {error}")
             return

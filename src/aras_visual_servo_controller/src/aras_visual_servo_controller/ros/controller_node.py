@@ -49,7 +49,7 @@ class ControllerNode:
         self.publisher: RosPublisher | None = None
         self._loop_services: LoopServices | None = None
         self._description = DescriptionWatch(settings.description)
-        self._goal_topics = GoalPublishers(settings.namespace.rstrip("/"))
+        self._goal_publishers = GoalPublishers(settings.namespace.rstrip("/"))
 
     def build_loop(self, urdf: str) -> None:
         """Create the loop and its topics.
@@ -86,7 +86,7 @@ class ControllerNode:
         if self._loop_services is None:
             self._loop_services = LoopServices(settings.namespace.rstrip("/"), self)
             self._gain_server = GainServer(self)
-        self._goal_topics.publish(servo)
+        self._goal_publishers.publish(servo)
         self._inputs = LoopSubscribers(
             settings, self.runner, find_e_stop_topic(urdf, settings.namespace), self._camera
         )

@@ -26,7 +26,7 @@ class RosPublisher:
 
     Attributes:
         names: names of the joints.
-        command_topics: publishers of the joint commands.
+        command_publishers: publishers of the joint commands.
         foreign_commands: listener for commands of other nodes on these topics.
         state_publisher: publisher of controller/state.
         latest_state: state that was reported last.
@@ -42,8 +42,8 @@ class RosPublisher:
         """
         self._settings, self.names, self._frame = settings, tuple(names), frame
         namespace = settings.namespace.rstrip("/")
-        self.command_topics = CommandPublishers(settings, self.names, settings.output)
-        self.foreign_commands = ForeignCommandListener(self.command_topics)
+        self.command_publishers = CommandPublishers(settings, self.names, settings.output)
+        self.foreign_commands = ForeignCommandListener(self.command_publishers)
         self.state_publisher = rospy.Publisher(
             f"{namespace}/controller/state", ServoState, queue_size=5
         )
@@ -73,14 +73,14 @@ class RosPublisher:
     def close(self) -> None:
         """Unregister all publishers and subscribers."""
         self.foreign_commands.close()
-        self.command_topics.close()
+        self.command_publishers.close()
         for publisher in (self.state_publisher, self._report_publisher, self._twist_publisher):
             publisher.unregister()
 
     def send(self, command: JointCommand) -> None:
         """Publish a command to the joints."""
         if command.values is not None:
-            self.command_topics.send(command.values)
+            self.command_publishers.send(command.values)
             self._check_listeners()
 
     def report(self, state: State) -> None:
@@ -108,7 +108,7 @@ class RosPublisher:
             self._check_time = now
         elif now - self._check_time > REPEAT_WARNING:
             self._check_time = now
-            if topics := self.command_topics.list_unsubscribed():
+            if topics := self.command_publishers.list_unsubscribed():
                 rospy.logwarn(
                     "no controller subscribes to %s: start that controller (rosrun "
                     "controller_manager controller_manager list), or name another one in "

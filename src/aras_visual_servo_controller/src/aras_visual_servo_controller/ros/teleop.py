@@ -48,7 +48,7 @@ class Teleop:
                 raise ConfigurationError(describe_unknown("joint", name, arm.names))
         self._jog = Jog(arm, self._limits, DifferentialIK(arm, self._limits))
         self._keys = keyboard.KeyboardState(arm.names)
-        self._command_topics = CommandPublishers(settings, arm.names, "position")
+        self._command_publishers = CommandPublishers(settings, arm.names, "position")
         self._measured: np.ndarray | None = None
         self._has_joint_state, self._jog_lock = threading.Event(), threading.Lock()
         self._has_stopped_controller, self._last_reason = False, ""
@@ -92,7 +92,7 @@ class Teleop:
             command, text = keyboard.step_joint(key, command, self._limits, self._joints)
             print(text)
             way = keyboard.KEYS[key][0]
-            self._command_topics.send(command, self._joints[way])
+            self._command_publishers.send(command, self._joints[way])
         else:
             moves, text = self._keys.press(key, self._jog, time.monotonic())
             if moves:
@@ -107,7 +107,7 @@ class Teleop:
             command = self._jog.update(time.monotonic(), self._measured)
         if command is None:
             return False
-        self._command_topics.send(command)
+        self._command_publishers.send(command)
         if self._jog.reason and self._jog.reason != self._last_reason:
             print(self._jog.reason)
         self._last_reason = self._jog.reason

@@ -16,6 +16,7 @@ import importlib
 import inspect
 import pkgutil
 from collections.abc import Callable, Iterator, Mapping
+from functools import cached_property
 from typing import Any, NamedTuple, TypeVar
 
 from .names import (
@@ -27,8 +28,8 @@ from .names import (
     import_object,
     suggest,
 )
-from .setting_values import describe_hint
-from .settings import get_default, list_annotations
+from .setting_values import BOUNDS, describe_expected
+from .settings import get_default, list_annotations, list_fields
 
 C = TypeVar("C", bound=type)
 
@@ -79,8 +80,6 @@ class Registry(Mapping[str, type]):
         self.kind, self.bases, self.fault = kind, bases, fault
         self._package, self._fallbacks, self._first = package, fallbacks, first
         self._entries: dict[str, type] = {}
-        # Modules of the package that have not been imported yet; None until the modules are listed.
-        self._unimported: list[str] | None = None
 
     def register(self, name: str) -> Callable[[C], C]:
         """Return a decorator that registers a class as `name` and sets its attribute `name`.
@@ -102,50 +101,40 @@ class Registry(Mapping[str, type]):
 
         return add_class
 
+    @cached_property
+    def _unimported(self) -> list[str]:
+        """Names of the package's modules that have not been imported yet."""
+        folder = importlib.import_module(self._package).__path__
+        names = sorted(module.name for module in pkgutil.iter_modules(folder))
+        return sorted(names, key=lambda name: name not in self._first)
+
+    def _import_module(self, module: str) -> None:
+        """Import a module of the package; its decorators register its classes."""
+        self._unimported.remove(module)
+        importlib.import_module(f"{self._package}.{module}")
+
     def __getitem__(self, name: str) -> type:
         registries = (self, *self._fallbacks)
         for registry in registries:
-            if name in registry._list_modules():
+            if name in registry._unimported:
                 registry._import_module(name)
         for registry in registries:
             if name in registry._entries:
                 return registry._entries[name]
         for registry in registries:
-            while registry._list_modules():
-                registry._import_module(registry._list_modules()[0])
+            while registry._unimported:
+                registry._import_module(registry._unimported[0])
                 if name in registry._entries:
                     return registry._entries[name]
         raise KeyError(name)
 
-    def __contains__(self, name: object) -> bool:
-        try:
-            self[name]
-        except KeyError:
-            return False
-        return True
-
     def __iter__(self) -> Iterator[str]:
-        while self._list_modules():
-            self._import_module(self._list_modules()[0])
-        return iter(
-            sorted({*self._entries, *(name for other in self._fallbacks for name in other)})
-        )
+        while self._unimported:
+            self._import_module(self._unimported[0])
+        return iter(sorted(set(self._entries).union(*self._fallbacks)))
 
     def __len__(self) -> int:
         return len(list(iter(self)))
-
-    def _list_modules(self) -> list[str]:
-        """Return the names of the package's modules that have not been imported yet."""
-        if self._unimported is None:
-            folder = importlib.import_module(self._package).__path__
-            there = sorted(module.name for module in pkgutil.iter_modules(folder))
-            self._unimported = sorted(there, key=lambda name: name not in self._first)
-        return self._unimported
-
-    def _import_module(self, module: str) -> None:
-        """Import a module of the package; its decorators register its classes."""
-        self._list_modules().remove(module)
-        importlib.import_module(f"{self._package}.{module}")
 
     def find(self, name: str) -> type:
         """Return the class for a short name or 'package.module:Class'.
@@ -157,9 +146,8 @@ class Registry(Mapping[str, type]):
             if name not in self:
                 raise self.fault(describe_unknown(self.kind, name, self, accepts_class=True))
             return self[name]
-        return check_subclass(self.kind, name, import_object(self.kind, name, self.fault),
-            self.bases,
-                        self.fault)  # fmt: skip
+        found = import_object(self.kind, name, self.fault)
+        return check_subclass(self.kind, name, found, self.bases, self.fault)
 
     def create(self, name: str, /, *arguments: object, **options: object) -> Any:
         """Create an instance of the class for a short name or 'package.module:Class'.
@@ -180,20 +168,15 @@ def list_parameters(cls: type) -> tuple[Parameter, ...]:
     if not dataclasses.is_dataclass(cls):
         return ()
     hints, found = list_annotations(cls), []
-    for field in dataclasses.fields(cls):
-        rules = field.metadata
-        if not field.init or rules.get("internal"):
-            continue
-        needed = field.default is field.default_factory is dataclasses.MISSING
+    for name, field in list_fields(cls).items():
+        rules, default = field.metadata, get_default(field)
         bounds = " and ".join(
-            f"{sign} {rules[key]:g}"
-            for key, sign in (("least", ">="), ("above", ">"), ("most", "<="), ("below", "<"))
-            if rules.get(key) is not None
+            f"{sign} {rules[key]:g}" for key, sign, _ in BOUNDS if rules.get(key) is not None
         )
         found.append(Parameter(
-            field.name, describe_hint(hints[field.name]), None if needed else get_default(field),
-            rules.get("unit", ""), bounds or ", ".join(rules.get("choices", ())),
-            rules.get("help", ""),
+            name, describe_expected(hints[name]),
+            None if default is dataclasses.MISSING else default, rules.get("unit", ""),
+            bounds or ", ".join(rules.get("choices", ())), rules.get("help", ""),
         ))  # fmt: skip
     return tuple(found)
 
@@ -207,39 +190,28 @@ def construct(
     line.
 
     Raises:
-        fault: an option is unknown, a required one is missing, or the constructor fails.
+        fault: an option is unknown (the message suggests the most similar one), a required argument
+            is missing, or the constructor fails.
     """
-    check_options(kind, name, cls, fault, *arguments, **options)
+    try:
+        signature = inspect.signature(cls)
+    except (TypeError, ValueError):
+        signature = None  # the class has no signature, so the options cannot be checked
+    if signature is not None:
+        kinds = {key: one.kind for key, one in signature.parameters.items()}
+        named = (inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
+        taken = sorted(key for key, one in kinds.items() if one in named)
+        if inspect.Parameter.VAR_KEYWORD not in kinds.values():
+            for option in options:
+                if option not in taken:
+                    raise fault(f"{kind} '{name}' takes no '{option}': {suggest(option, taken)}")
+        try:
+            signature.bind(*arguments, **options)
+        except TypeError as error:
+            raise fault(f"{kind} '{name}': {error}") from error
     try:
         return cls(*arguments, **options)
     except fault:
         raise
     except USER_FAULTS as error:
         raise fault(f"{kind} '{name}': its constructor raised {format_error(error)}") from error
-
-
-def check_options(
-    kind: str, name: str, cls: type, fault: Fault, /, *arguments: object, **options: object
-) -> None:
-    """Check that the constructor of a class accepts these arguments and options.
-
-    Raises:
-        fault: an option is unknown or a required argument is missing. For an unknown option, the
-            message suggests the most similar one.
-    """
-    try:
-        signature = inspect.signature(cls)
-    except (TypeError, ValueError):
-        return  # the class has no signature, so the options cannot be checked
-    taken = sorted(
-        key for key, one in signature.parameters.items()
-        if one.kind in (one.KEYWORD_ONLY, one.POSITIONAL_OR_KEYWORD)
-    )  # fmt: skip
-    if not any(one.kind is one.VAR_KEYWORD for one in signature.parameters.values()):
-        for option in options:
-            if option not in taken:
-                raise fault(f"{kind} '{name}' takes no '{option}': {suggest(option, taken)}")
-    try:
-        signature.bind(*arguments, **options)
-    except TypeError as error:
-        raise fault(f"{kind} '{name}': {error}") from error

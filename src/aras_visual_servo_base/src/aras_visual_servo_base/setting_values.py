@@ -10,13 +10,14 @@ import os
 import re
 import types
 import typing
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from .names import suggest
 
 Fault = type[Exception]
+NOTHING: Mapping[str, Any] = types.MappingProxyType({})
 _TYPE_NAMES = {
     float: "a finite number", int: "a whole number", bool: "true or false", str: "a text",
     Path: "a path",
@@ -93,7 +94,7 @@ def check_value(value: Any, where: str, fault: Fault, rules: Mapping[str, Any]) 
         if (known := rules.get("choices")) and value not in known:
             raise fault(f"{where} is {format_value(value)}: {suggest(value, known)}")
     elif isinstance(value, int | float) and not isinstance(value, bool):
-        for name, sign, holds in _BOUNDS:
+        for name, sign, holds in BOUNDS:
             if (bound := rules.get(name)) is not None and not holds(value, bound):
                 unit = rules.get("unit") or ""
                 text = unit if unit[:1] in ("", ",") else f" {unit}"
@@ -106,12 +107,11 @@ def check_value(value: Any, where: str, fault: Fault, rules: Mapping[str, Any]) 
 # Units that users confuse. For each correct unit of a setting: the wrong unit, and the size of the
 # wrong unit in the correct one. If a number is too large, the message suggests this mistake.
 _COMMON_UNIT_MISTAKES = {"rad": ("degrees", math.pi / 180.0), "s": ("ms", 1e-3)}
-_BOUNDS = (
-    ("least", ">=", lambda value, bound: value >= bound),
-    ("above", ">", lambda value, bound: value > bound),
-    ("most", "<=", lambda value, bound: value <= bound),
-    ("below", "<", lambda value, bound: value < bound),
-)
+# Name of each bound in `settings.parameter`, its sign, and the comparison that must be true.
+BOUNDS = (
+    ("least", ">=", operator.ge), ("above", ">", operator.gt), ("most", "<=", operator.le),
+    ("below", "<", operator.lt),
+)  # fmt: skip
 
 
 def format_value(value: Any) -> str:
@@ -128,18 +128,51 @@ def join_path(where: str, key: Any) -> str:
     return f"{where}.{key}" if where and where[-1] not in " ~/" else f"{where}{key}"
 
 
-def describe_hint(hint: Any) -> str:
-    """Describe the values that an annotation accepts, for a message, such as 'a finite number'."""
+def describe_expected(hint: Any, rules: Mapping[str, Any] = NOTHING) -> str:
+    """Describe the valid values of a setting, for a message, such as 'a finite number'.
+
+    `hint` is the annotation of the setting, and `rules` are those that `settings.parameter`
+    declares.
+    """
+    if rules.get("expected"):
+        return rules["expected"]
+    if hint is str and rules.get("choices"):
+        return "one of " + ", ".join(rules["choices"])
+    if hint is float and rules.get("infinite"):
+        return "a number, or .inf"
     if hint in _TYPE_NAMES:
         return _TYPE_NAMES[hint]
     origin, parts = typing.get_origin(hint), typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
-        kinds = dict.fromkeys(describe_hint(part) for part in parts if part is not type(None))
-        return " or ".join(kinds)
+        kinds = (describe_expected(part) for part in parts if part is not type(None))
+        return " or ".join(dict.fromkeys(kinds))
     if origin is tuple:
         of = {float: "finite numbers", int: "whole numbers", str: "texts"}.get(parts[0], "values")
         return f"a list of {of}" if Ellipsis in parts else f"a list of {len(parts)} {of}"
     return "a mapping"
+
+
+def describe_mismatch(
+    value: Any, hint: Any, where: str, rules: Mapping[str, Any] = NOTHING
+) -> str:
+    """Return the message for a value that cannot be converted to the type of the setting."""
+    return f"{where} is {format_value(value)}, must be {describe_expected(hint, rules)}"
+
+
+def describe_unknown_key(
+    where: str, key: Any, known_keys: Iterable[str], renamed: Mapping[str, str] = NOTHING
+) -> str:
+    """Return the message for an unknown key. It suggests the new name of the key, or a similar key.
+
+    Args:
+        renamed: mapping from old names of keys to their new names, which a class of settings
+            declares as `renamed_keys`.
+    """
+    head, colon, path = join_path(where, key).rpartition(": ")
+    kind = path if path.startswith("parameter ") else f"key '{path}'"
+    if key in renamed:
+        return f"{head}{colon}{kind} is now called '{renamed[key]}'"
+    return f"{head}{colon}unknown {kind}: {suggest(key, known_keys)}"
 
 
 def merge(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:

@@ -23,29 +23,31 @@ import contextlib
 import copyreg
 import dataclasses
 import functools
-import math
 import numbers
 import types
 import typing
 from collections.abc import Iterable, Mapping
+from math import isfinite
 from pathlib import Path
+from types import NoneType
 from typing import Any, TypeVar
 
-from .names import find_nearest, suggest
+from .names import find_nearest
 from .setting_values import (
+    NOTHING,
     Fault,
     as_number,
     check_value,
     convert_to_file_types,
-    describe_hint,
+    describe_expected,
+    describe_mismatch,
+    describe_unknown_key,
     format_value,
     join_path,
     parse_word,
 )
 
 T = TypeVar("T")
-NO_RULES: Mapping[str, Any] = types.MappingProxyType({})
-_MISSING = object()
 
 
 def _make_view(values: dict[str, Any]) -> types.MappingProxyType:
@@ -65,7 +67,7 @@ def parameter(
     most: float | None = None,
     below: float | None = None,
     choices: Iterable[str] = (),
-    renamed: Mapping[str, str] = types.MappingProxyType({}),
+    renamed: Mapping[str, str] = NOTHING,
     expected: str = "",
     name: bool = False,
     splits_words: bool = False,
@@ -98,9 +100,8 @@ def parameter(
     rules = {
         "unit": unit, "least": least, "above": above, "most": most, "below": below,
         "choices": tuple(choices), "renamed": dict(renamed), "expected": expected, "name": name,
-        "splits_words": splits_words,
-        "infinite": infinite, "internal": internal, "shorthand": shorthand,
-        "importable": importable, "help": help,
+        "splits_words": splits_words, "infinite": infinite, "internal": internal,
+        "shorthand": shorthand, "importable": importable, "help": help,
     }  # fmt: skip
     if isinstance(default, dict):
         return dataclasses.field(default_factory=lambda: dict(default), metadata=rules)
@@ -108,19 +109,16 @@ def parameter(
 
 
 def get_default(field: dataclasses.Field) -> Any:
-    """Return the default of a field, which may be declared as a value or as a factory."""
-    if field.default is not dataclasses.MISSING:
-        return field.default
-    return field.default_factory()
+    """Return the default of a field; `dataclasses.MISSING` for a required field."""
+    if field.default_factory is not dataclasses.MISSING:
+        return field.default_factory()
+    return field.default
 
 
 def list_defaults(cls: type) -> dict[str, Any]:
     """Return the defaults of all fields that have one and that users can set."""
-    return {
-        name: get_default(field)
-        for name, field in _list_fields(cls).items()
-        if not _is_required(field)
-    }
+    defaults = {name: get_default(field) for name, field in list_fields(cls).items()}
+    return {name: value for name, value in defaults.items() if value is not dataclasses.MISSING}
 
 
 def build(cls: type[T], values: Any, where: str, fault: Fault) -> T:
@@ -132,15 +130,15 @@ def build(cls: type[T], values: Any, where: str, fault: Fault) -> T:
     Raises:
         fault: a key is unknown or missing, a value is invalid, or the class rejects the values.
     """
-    short = _find_shorthand(cls)
-    if short and not isinstance(values, Mapping) and values is not None:
-        values = {short: values}
+    fields = list_fields(cls)
+    if values is not None and not isinstance(values, Mapping):
+        short = [name for name, field in fields.items() if field.metadata.get("shorthand")]
+        values = {short[0]: values} if short else values
     found = convert_fields(cls, values, where, fault)
-    for name, field in _list_fields(cls).items():
-        if name not in found and _is_required(field):
-            raise fault(
-                f"{join_path(where, name)} is missing: give {_describe_type(cls, field)}"
-            )
+    for name, field in fields.items():
+        if name not in found and get_default(field) is dataclasses.MISSING:
+            expected = describe_expected(list_annotations(cls)[name], field.metadata)
+            raise fault(f"{join_path(where, name)} is missing: give {expected}")
     return cls(**found)
 
 
@@ -152,23 +150,26 @@ def convert_fields(cls: type, values: Any, where: str, fault: Fault) -> dict[str
     if not isinstance(values, Mapping):
         place = where.rstrip(": ~") or cls.__name__
         raise fault(f"{place} is {format_value(values)}, must be a mapping")
-    known, hints, found = _list_fields(cls), list_annotations(cls), {}
-    for key, value in values.items():
+    _check_keys(cls, values, where, fault)
+    fields, hints = list_fields(cls), list_annotations(cls)
+    return {
+        key: convert(value, hints[key], join_path(where, key), fault, fields[key].metadata)
+        for key, value in values.items()
+    }
+
+
+def _check_keys(cls: type, keys: Iterable[str], where: str, fault: Fault) -> None:
+    known = list_fields(cls)
+    for key in keys:
         if key not in known:
-            renamed = getattr(cls, "renamed_keys", {})
+            renamed = getattr(cls, "renamed_keys", NOTHING)
             raise fault(describe_unknown_key(where, key, known, renamed))
-        found[key] = convert(value, hints[key], join_path(where, key), fault, known[key].metadata)
-    return found
 
 
 def read(
-    values: Mapping[str, Any],
-    key: str,
-    hint: Any,
-    where: str,
-    fault: Fault,
-    default: Any = _MISSING,
-) -> Any:
+    values: Mapping[str, Any], key: str, hint: Any, where: str, fault: Fault,
+    default: Any = dataclasses.MISSING,
+) -> Any:  # fmt: skip
     """Return one value from a mapping, for example from a ROS controller's parameters.
 
     The mapping may contain unrelated keys.
@@ -185,28 +186,9 @@ def read(
     place = f"parameter {where}/{key}"
     if values.get(key) is not None:
         return convert(values[key], hint, place, fault)
-    if default is _MISSING:
-        raise fault(f"{place} is missing: give {describe_hint(hint)}")
+    if default is dataclasses.MISSING:
+        raise fault(f"{place} is missing: give {describe_expected(hint)}")
     return default
-
-
-def describe_unknown_key(
-    where: str,
-    key: Any,
-    known_keys: Iterable[str],
-    renamed: Mapping[str, str] = types.MappingProxyType({}),
-) -> str:
-    """Return the message for an unknown key. It suggests the new name of the key, or a similar key.
-
-    Args:
-        renamed: mapping from old names of keys to their new names, which a class of settings
-            declares as `renamed_keys`.
-    """
-    head, colon, path = join_path(where, key).rpartition(": ")
-    kind = path if path.startswith("parameter ") else f"key '{path}'"
-    if key in renamed:
-        return f"{head}{colon}{kind} is now called '{renamed[key]}'"
-    return f"{head}{colon}unknown {kind}: {suggest(key, known_keys)}"
 
 
 @functools.lru_cache(maxsize=64)
@@ -216,7 +198,8 @@ def list_annotations(cls: type) -> dict[str, Any]:
 
 
 @functools.lru_cache(maxsize=64)
-def _list_fields(cls: type) -> dict[str, dataclasses.Field]:
+def list_fields(cls: type) -> dict[str, dataclasses.Field]:
+    """Return the fields of a dataclass that users can set, by name."""
     return {
         field.name: field
         for field in dataclasses.fields(cls)
@@ -224,19 +207,8 @@ def _list_fields(cls: type) -> dict[str, dataclasses.Field]:
     }
 
 
-@functools.lru_cache(maxsize=64)
-def _find_shorthand(cls: type) -> str:
-    """Return the name of the field with `shorthand` (see `parameter`); '' if there is none."""
-    names = (name for name, field in _list_fields(cls).items() if field.metadata.get("shorthand"))
-    return next(names, "")
-
-
-def _is_required(field: dataclasses.Field) -> bool:
-    return field.default is field.default_factory is dataclasses.MISSING
-
-
 def convert(
-    value: Any, hint: Any, where: str, fault: Fault, rules: Mapping[str, Any] = NO_RULES
+    value: Any, hint: Any, where: str, fault: Fault, rules: Mapping[str, Any] = NOTHING
 ) -> Any:
     """Convert a value to the type of an annotation, and check it.
 
@@ -264,9 +236,9 @@ def convert(
 
 
 def _convert(
-    value: Any, hint: Any, where: str, fault: Fault, rules: Mapping[str, Any] = NO_RULES
+    value: Any, hint: Any, where: str, fault: Fault, rules: Mapping[str, Any] = NOTHING
 ) -> Any:
-    if type(value) is hint and (hint in (str, bool) or hint is float and math.isfinite(value)):
+    if type(value) is hint and (hint in (str, bool, NoneType) or hint is float and isfinite(value)):
         return value  # no conversion is necessary; this is the most frequent case
     origin = typing.get_origin(hint) or hint
     if origin in (typing.Union, types.UnionType):
@@ -277,8 +249,9 @@ def _convert(
         return value if isinstance(value, hint) else build(hint, value, where, fault)
     if origin is tuple:
         return _convert_tuple(value, hint, where, fault, rules)
-    if _is_kind(hint, Mapping):
+    if origin is Mapping:
         return _convert_mapping(value, hint, where, fault)
+    found = None
     if hint is float:
         found = as_number(value, bool(rules.get("infinite")))
     elif hint is Path:
@@ -286,16 +259,10 @@ def _convert(
     elif hint is int:
         fits = isinstance(value, numbers.Integral) and as_number(value) is not None
         found = int(value) if fits else None
-    else:  # bool, str and None: accept only values of this type, without conversion
-        found = value if isinstance(value, hint) else None
-    if found is None and hint is not type(None) or hint is type(None) and value is not None:
-        expected = (
-            "a number, or .inf" if hint is float and rules.get("infinite") else describe_hint(hint)
-        )
-        if hint is str and rules.get("choices"):
-            expected = "one of " + ", ".join(rules["choices"])
-        expected = rules.get("expected") or expected
-        raise fault(f"{where} is {format_value(value)}, must be {expected}")
+    elif isinstance(value, hint):  # accept only a value of this type, without conversion
+        found = value
+    if found is None:
+        raise fault(describe_mismatch(value, hint, where, rules))
     return found
 
 
@@ -303,41 +270,27 @@ def _convert_union(
     value: Any, hint: Any, where: str, fault: Fault, rules: Mapping[str, Any]
 ) -> Any:
     kinds = typing.get_args(hint)
-    if isinstance(value, Mapping):
-        # Choose the class with the most matching keys, because the user probably means this class.
-        classes = [kind for kind in kinds if dataclasses.is_dataclass(kind)]
-        if classes:
-            known = [cls for cls in classes if value.keys() <= _list_fields(cls).keys()]
-            chosen = known[0] if known else max(
-                classes, key=lambda cls: _count_known_keys(value, cls)
-            )
-            return build(chosen, value, where, fault)
-    expected_kind = Mapping if isinstance(value, Mapping) else tuple
-    alike = [kind for kind in kinds if _is_kind(kind, expected_kind)]
+    classes = [kind for kind in kinds if dataclasses.is_dataclass(kind)]
+    if classes and isinstance(value, Mapping):
+        # Choose the class with the most equal or similar keys, because the user probably means this
+        # class.
+        def count_known_keys(cls: type) -> int:
+            return sum(key in list_fields(cls) or find_nearest(key, list_fields(cls)) != ""
+                       for key in value)  # fmt: skip
+
+        known = [cls for cls in classes if value.keys() <= list_fields(cls).keys()]
+        return build(known[0] if known else max(classes, key=count_known_keys), value, where, fault)
     # If the value is a mapping (or a sequence), and only one type of the union is a mapping (or a
     # tuple), convert the value to this type. The error message then names the invalid item.
-    if isinstance(value, Mapping | list | tuple) and len(alike) == 1:
-        return _convert(value, alike[0], where, fault, rules)
+    if isinstance(value, Mapping | list | tuple):
+        expected = Mapping if isinstance(value, Mapping) else tuple
+        alike = [kind for kind in kinds if expected in (kind, typing.get_origin(kind))]
+        if len(alike) == 1:
+            return _convert(value, alike[0], where, fault, rules)
     for kind in kinds:
         with contextlib.suppress(fault):
             return _convert(value, kind, where, fault)
-    raise fault(
-        f"{where} is {format_value(value)}, must be {rules.get('expected') or describe_hint(hint)}"
-    )
-
-
-def _is_kind(hint: Any, kind: type) -> bool:
-    origin = typing.get_origin(hint) or hint
-    return isinstance(origin, type) and issubclass(origin, kind)
-
-
-def _count_known_keys(values: Mapping, cls: type) -> int:
-    """Return how many keys of `values` are equal or similar to the name of a field of the class.
-
-    The class with the largest number is the one that the user probably means.
-    """
-    known = _list_fields(cls)
-    return sum(key in known or bool(find_nearest(key, known)) for key in values)
+    raise fault(describe_mismatch(value, hint, where, rules))
 
 
 def _convert_tuple(
@@ -350,11 +303,8 @@ def _convert_tuple(
     if parts[-1] is Ellipsis and isinstance(items, list | tuple):
         parts = (parts[0],) * len(items)
     if not isinstance(items, list | tuple) or len(items) != len(parts):
-        raise fault(
-            f"{where} is {format_value(value)}, must be "
-            f"{rules.get('expected') or describe_hint(hint)}"
-        )
-    if set(parts) == set(map(type, items)) == {float} and all(map(math.isfinite, items)):
+        raise fault(describe_mismatch(value, hint, where, rules))
+    if set(parts) == set(map(type, items)) == {float} and all(map(isfinite, items)):
         return tuple(items)
     return tuple([
         _convert(item, part, f"{where}[{i}]", fault)
@@ -366,7 +316,7 @@ def _convert_mapping(value: Any, hint: Any, where: str, fault: Fault) -> Mapping
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         value = to_mapping(value)
     if not isinstance(value, Mapping):
-        raise fault(f"{where.rstrip(': ')} is {format_value(value)}, must be {describe_hint(hint)}")
+        raise fault(describe_mismatch(value, hint, where.rstrip(": ")))
     kind = (typing.get_args(hint) or (str, Any))[1]
     found = {}
     for key, item in value.items():
@@ -374,7 +324,7 @@ def _convert_mapping(value: Any, hint: Any, where: str, fault: Fault) -> Mapping
         if not isinstance(name, str):
             raise fault(f"{where} has the key {format_value(key)}; write all keys as texts")
         found[name] = item if kind is Any else _convert(item, kind, join_path(where, name), fault)
-    return _make_view(found)
+    return types.MappingProxyType(found)
 
 
 def check(settings: Any, fault: Fault, where: str = "") -> None:
@@ -384,7 +334,7 @@ def check(settings: Any, fault: Fault, where: str = "") -> None:
         fault: a value is invalid; the message names the field, its value and what is expected.
     """
     hints = list_annotations(type(settings))
-    for name, field in _list_fields(type(settings)).items():
+    for name, field in list_fields(type(settings)).items():
         value = getattr(settings, name)
         if value is field.default:
             continue
@@ -397,9 +347,9 @@ def check(settings: Any, fault: Fault, where: str = "") -> None:
 def to_mapping(settings: Any) -> dict[str, Any]:
     """Return a mapping of those fields that differ from their defaults, as input for `build`."""
     found = {}
-    for name, field in _list_fields(type(settings)).items():
+    for name, field in list_fields(type(settings)).items():
         value = getattr(settings, name)
-        if _is_required(field) or value != get_default(field):
+        if value != get_default(field):
             found[name] = _to_plain(value)
     return found
 
@@ -426,17 +376,13 @@ class SettingsBase:
 
     def __new__(cls, *values: Any, **named: Any) -> SettingsBase:
         """Reject positional arguments and unknown keywords. `__init__` checks the values."""
-        known = _list_fields(cls)
         if values:
-            example = next(iter(known))
+            example = next(iter(list_fields(cls)))
             raise cls.fault(
                 f"{cls.__name__}({format_value(values[0])}): give values by name, as in "
                 f"{cls.__name__}({example}=...)"
             )
-        for key in named:
-            if key not in known:
-                renamed = getattr(cls, "renamed_keys", {})
-                raise cls.fault(describe_unknown_key("", key, known, renamed))
+        _check_keys(cls, named, "", cls.fault)
         return super().__new__(cls)
 
 
@@ -448,9 +394,5 @@ def check_bounds(settings: Any, fault: Fault) -> None:
     Raises:
         fault: a value is out of bounds; the message names the field, its value and the bound.
     """
-    for name, field in _list_fields(type(settings)).items():
+    for name, field in list_fields(type(settings)).items():
         check_value(getattr(settings, name), name, fault, field.metadata)
-
-
-def _describe_type(cls: type, field: dataclasses.Field) -> str:
-    return field.metadata.get("expected") or describe_hint(list_annotations(cls)[field.name])

@@ -16,7 +16,7 @@ from dataclasses import replace
 from types import TracebackType
 from typing import Any
 
-from aras_visual_servo_base.settings import describe_unknown_key
+from aras_visual_servo_base.setting_values import describe_unknown_key
 from aras_visual_servo_base.yaml_files import read_yaml
 
 from ..errors import StudyError, make_missing_library_error, read_first_line

@@ -41,12 +41,14 @@ SHORTEST_TRANSLATION = 1e-3
 # Largest absolute element of R R^T - I of a rotation R. It is not zero, because numbers in files
 # are rounded.
 ROTATION_TOLERANCE = 1e-3
-# Names of a rotation or a translation in lower case, with or without the names of two frames, such
-# as r_cam2gripper.
-R_AND_T = re.compile(r"(r|rot|rotation|rvec|t|trans|translation|tvec)(_?(\w+?)(2|_to_)(\w+))?")
+# Name of the translation for each name of a rotation, in lower case.
 PAIRS = {"r": "t", "rot": "trans", "rotation": "translation", "rvec": "tvec"}
+# Name of a rotation with or without the names of two frames, such as r_cam2gripper.
+ROTATION_NAME = re.compile(rf"({'|'.join(PAIRS)})(_?\w+?(?:2|_to_)\w+)?")
+# Name of a matrix that maps coordinates to the camera frame, such as gripper2cam.
+INVERSE_NAME = re.compile(r"(2|_to_|to)(cam|camera|optical)\b")
 PUBLISHER_FLAGS = {"x", "y", "z", "qx", "qy", "qz", "qw", "roll", "pitch", "yaw", "frame-id",
-         "child-frame-id", "ros-args"}  # fmt: skip
+                   "child-frame-id", "ros-args"}  # fmt: skip
 PUBLISHER = "static_transform_publisher"
 
 
@@ -83,40 +85,37 @@ def read_hand_eye(path: str | Path, units: str = "") -> HandEyeCalibration:
     path = Path(path).expanduser()
     text = read_text(path, HandEyeFileError)
     if text.lstrip().startswith("<"):
-        found, of_file = _read_xml(text, path), _find_units(text)
+        found = _read_xml(text, path)
     elif PUBLISHER in text:
-        found, of_file = (
-            _read_publisher_arguments(
-                re.findall(r"""["']([^"']*)["']""", _find_publisher_text(text)), path
-            ),
-            "",
-        )
+        arguments = re.findall(r"""["']([^"']*)["']""", _find_publisher_text(text))
+        found = _read_publisher_arguments(arguments, path)
     elif (rows := _parse_rows(text)) is not None:
-        found, of_file = HandEyeCalibration(_pose_from_rows(rows, str(path))), ""
+        found = HandEyeCalibration(_pose_from_rows(rows, str(path)))
     else:
-        found, of_file = _read_mapping(text, path)
-    return _convert_to_metres(found, units or of_file, path)
+        found = _read_mapping(text, path)
+    stated = re.search(r"^\s*<?units?\s*[:>]\s*[\"']?(\w+)", text, re.MULTILINE)
+    units = units or (stated[1] if stated else "")
+    return replace(found, link_T_camera=_convert_to_metres(found.link_T_camera, units, path))
 
 
-def _convert_to_metres(
-    calibration: HandEyeCalibration, units: str, path: Path
-) -> HandEyeCalibration:
-    matrix = calibration.link_T_camera.copy()
+def _convert_to_metres(pose: np.ndarray, units: str, path: Path) -> np.ndarray:
     if units and units not in LENGTH_UNITS:
         raise HandEyeFileError(f"{path}: units are {format_value(units)}, must be m, cm or mm")
-    t = matrix[:3, 3] * LENGTH_UNITS.get(units, 1.0)
-    length, written = float(np.linalg.norm(t)), np.round(matrix[:3, 3], 6).tolist()
+    t = pose[:3, 3] * LENGTH_UNITS.get(units, 1.0)
+    length, written = float(np.linalg.norm(t)), np.round(pose[:3, 3], 6).tolist()
     if length > LONGEST_TRANSLATION:
+        remedy = "; if it is in mm or cm, set units, otherwise correct the translation"
+        if units:
+            remedy = f" in {units}; correct the translation, or units"
         raise HandEyeFileError(
-            f"{path}: the translation {written} is {length:.4g} m long"
-            + (f" in {units}; correct the translation, or units" if units else
-               "; if it is in mm or cm, set units, otherwise correct the translation")
-        )  # fmt: skip
+            f"{path}: the translation {written} is {length:.4g} m long{remedy}"
+        )
     if units and 0.0 < length < SHORTEST_TRANSLATION:
         raise HandEyeFileError(f"{path}: the translation {written} is only {length:.3g} m long in "
                                f"{units}; correct units")  # fmt: skip
-    matrix[:3, 3] = t
-    return replace(calibration, link_T_camera=matrix)
+    converted = pose.copy()
+    converted[:3, 3] = t
+    return converted
 
 
 def _parse_rows(text: str) -> list[list[float]] | None:
@@ -136,24 +135,19 @@ def _pose_from_rows(rows: Any, where: str) -> np.ndarray:
     numbers = _flatten(rows, where)
     shape = [len(_flatten(row, where)) for row in rows]
     if shape in ([4] * 4, [16]):
-        return _pose_from_matrix(np.reshape(numbers, (4, 4)), where)
+        matrix = np.reshape(numbers, (4, 4))
+        last = [0.0, 0.0, 0.0, 1.0]
+        if not np.array_equal(matrix[3], last):
+            hint = "; transpose it" if np.array_equal(matrix[:, 3], last) else ""
+            raise HandEyeFileError(f"{where}: the last row of the matrix is {matrix[3].tolist()}, "
+                                   f"must be [0, 0, 0, 1]{hint}")  # fmt: skip
+        return _make_pose(matrix[:3, :3], matrix[:3, 3], where)
     if shape in ([6], [1] * 6):
-        return _make_pose(
-            _rotation_from_vector(numbers[3:], f"{where}: theta u"), numbers[:3], where
-        )
+        R = _rotation_from_vector(numbers[3:], f"{where}: theta u")
+        return _make_pose(R, numbers[:3], where)
     raise HandEyeFileError(f"{where} has {len(numbers)} numbers in {len(shape)} rows; give a 4x4 "
                            "matrix, or the 6 numbers of ViSP's pose vector (t, theta u), and check "
                            "that the file is complete")  # fmt: skip
-
-
-def _pose_from_matrix(matrix: np.ndarray, where: str) -> np.ndarray:
-    if not np.array_equal(matrix[3], [0.0, 0.0, 0.0, 1.0]):
-        hint = "; transpose it" if np.array_equal(matrix[:, 3], [0.0, 0.0, 0.0, 1.0]) else ""
-        raise HandEyeFileError(
-            f"{where}: the last row of the matrix is {matrix[3].tolist()}, must be "
-            f"[0, 0, 0, 1]{hint}"
-        )
-    return _make_pose(matrix[:3, :3], matrix[:3, 3], where)
 
 
 def _rotation_from_vector(vector: Sequence[float], where: str) -> np.ndarray:
@@ -217,16 +211,15 @@ def _read_xml(text: str, path: Path) -> HandEyeCalibration:
             f"{path} has {len(values)} <homogeneous_transformation> with <values>; "
             "give a file with exactly one"
         )
-    tags = ("tx", "ty", "tz", "theta_ux", "theta_uy", "theta_uz")
-    found = [as_number(_parse_float(values[0].findtext(tag))) for tag in tags]
-    for tag, number in zip(tags, found, strict=True):
-        if number is None:
+    numbers = []
+    for tag in ("tx", "ty", "tz", "theta_ux", "theta_uy", "theta_uz"):
+        text = values[0].findtext(tag)
+        if (number := _parse_float(text)) is None:
             raise HandEyeFileError(
-                f"{path}: <{tag}> is {format_value(values[0].findtext(tag))}, must "
-                "be a "
-                "finite number"
+                f"{path}: <{tag}> is {format_value(text)}, must be a finite number"
             )
-    return HandEyeCalibration(_pose_from_rows(found, str(path)))
+        numbers.append(number)
+    return HandEyeCalibration(_pose_from_rows(numbers, str(path)))
 
 
 def _read_publisher_arguments(arguments: Sequence[str], path: Path) -> HandEyeCalibration:
@@ -237,9 +230,8 @@ def _read_publisher_arguments(arguments: Sequence[str], path: Path) -> HandEyeCa
     """
     where = f"{path}: {PUBLISHER}"
     if any(word.startswith("--") for word in arguments):
-        given = {key.lstrip("-"): value for key,
-            value in zip(arguments, arguments[1:], strict=False)
-                 if key.startswith("--")}  # fmt: skip
+        pairs = zip(arguments, arguments[1:], strict=False)
+        given = {key.lstrip("-"): value for key, value in pairs if key.startswith("--")}
         unknown = sorted(set(given) - PUBLISHER_FLAGS)
         if unknown:
             raise HandEyeFileError(f"{where} has the flag {format_value(unknown[0])}: "
@@ -251,9 +243,8 @@ def _read_publisher_arguments(arguments: Sequence[str], path: Path) -> HandEyeCa
                  for key in ("x", "y", "z", *keys)]  # fmt: skip
         rest: Sequence[str] = ()
     else:
-        count = next(
-            (i for i, word in enumerate(arguments) if _parse_float(word) is None), len(arguments)
-        )
+        words = [i for i, word in enumerate(arguments) if _parse_float(word) is None]
+        count = words[0] if words else len(arguments)
         link, frame, *rest = (*arguments[count:], "", "")
         # In ROS 1, the last argument of static_transform_publisher is a number, the period of the
         # messages. It is dropped here.
@@ -261,11 +252,10 @@ def _read_publisher_arguments(arguments: Sequence[str], path: Path) -> HandEyeCa
         arguments = arguments[:count]
     numbers = [_parse_float(word) for word in arguments]
     if len(numbers) not in (6, 7) or None in numbers or not (link and frame) or rest:
+        frames = ", ".join(map(format_value, (link, frame, *rest)))
         raise HandEyeFileError(
-            f"{where} has {len(numbers)} numbers and the frames "
-            f"{format_value(link)}, "
-            f"{', '.join(map(format_value, (frame, *rest)))}; give x y z qx qy qz "
-            "qw (or x y z yaw pitch roll), then two frames"
+            f"{where} has {len(numbers)} numbers and the frames {frames}; give x y z qx qy qz qw "
+            "(or x y z yaw pitch roll), then two frames"
         )
     if len(numbers) == 7:
         R = _rotation_from_quaternion(numbers[3:], f"{where}: the quaternion")
@@ -276,9 +266,8 @@ def _read_publisher_arguments(arguments: Sequence[str], path: Path) -> HandEyeCa
                 f"{where}: yaw, pitch, roll {numbers[3:]} look like degrees; give rad"
             )
         R = rotation_from_rpy(roll, pitch, yaw)
-    return HandEyeCalibration(
-        _make_pose(R, numbers[:3], where), link.lstrip("/"), frame.lstrip("/")
-    )
+    pose = _make_pose(R, numbers[:3], where)
+    return HandEyeCalibration(pose, link.lstrip("/"), frame.lstrip("/"))
 
 
 def _find_publisher_text(text: str) -> str:
@@ -289,32 +278,30 @@ def _find_publisher_text(text: str) -> str:
     return inside if closed else ""
 
 
-def _read_mapping(text: str, path: Path) -> tuple[HandEyeCalibration, str]:
+def _read_mapping(text: str, path: Path) -> HandEyeCalibration:
     if text.startswith("%YAML") or re.search("opencv-(nd-)?matrix", text):
-        return _read_opencv(text, path), _find_units(text)
+        return _read_opencv(text, path)
     data = parse_yaml(text, str(path), HandEyeFileError)
     if not isinstance(data, Mapping):
-        return HandEyeCalibration(_pose_from_rows(data, str(path))), ""
-    units = str(data.get("units", data.get("unit", "")))
+        return HandEyeCalibration(_pose_from_rows(data, str(path)))
     # a YAML file of ViSP contains an array as rows, cols and data
     if "rows" in data and "data" in data:
         numbers = _flatten(data["data"], f"{path}: data")
-        if len(numbers) != _count_entries(data, path):
+        shape = [data.get(key) for key in ("rows", "cols")]
+        if not all(isinstance(side, int) for side in shape):
+            raise HandEyeFileError(f"{path}: rows and cols are {shape}, must be whole numbers")
+        if len(numbers) != shape[0] * shape[1]:
             raise HandEyeFileError(
-                f"{path}: data has {len(numbers)} numbers, but rows and cols are "
-                f"{data.get('rows')} and {data.get('cols')}: check that the file "
-                "is complete"
+                f"{path}: data has {len(numbers)} numbers, but rows and cols are {shape[0]} and "
+                f"{shape[1]}: check that the file is complete"
             )
-        shape = (data["rows"], data["cols"])
-        return HandEyeCalibration(
-            _pose_from_rows(np.reshape(numbers, shape).tolist(), str(path))
-        ), units
+        return HandEyeCalibration(_pose_from_rows(np.reshape(numbers, shape).tolist(), str(path)))
     for key in ("transformation", "transform"):
         if isinstance(data.get(key), Mapping):
-            return _read_ros(data, data[key], f"{path}: {key}"), units
+            return _read_ros(data, data[key], f"{path}: {key}")
     if isinstance(data.get("translation"), Mapping):
-        return _read_ros(data, data, str(path)), units
-    return HandEyeCalibration(_read_entries(data, path)), units
+        return _read_ros(data, data, str(path))
+    return HandEyeCalibration(_read_entries(data, path))
 
 
 def _read_ros(data: Mapping[str, Any], entry: Mapping[str, Any], where: str) -> HandEyeCalibration:
@@ -350,52 +337,39 @@ def _read_opencv(text: str, path: Path) -> HandEyeCalibration:
     return HandEyeCalibration(_read_entries(data, path))
 
 
-def _find_units(text: str) -> str:
-    found = re.search(r"^\s*<?units?\s*[:>]\s*[\"']?(\w+)", text, re.MULTILINE)
-    return found[1] if found else ""
-
-
 def _read_entries(data: Mapping[str, Any], path: Path) -> np.ndarray:
     """Return the pose from a mapping with a 4x4 matrix, or with R and t.
 
-    The name of the matrix is arbitrary. R and t must have names that match R_AND_T.
+    The name of the matrix is arbitrary. R and t must have names that match ROTATION_NAME and PAIRS.
     """
-    plain = {str(key): value for key, value in data.items() if isinstance(value, list | tuple)}
-    matrices = [key for key, value in plain.items() if len(_flatten(value, f"{path}: {key}")) == 16]
+    lists = {str(key): value for key, value in data.items() if isinstance(value, list | tuple)}
+    numbers = {name: _flatten(value, f"{path}: {name}") for name, value in lists.items()}
+    matrices = [name for name, values in numbers.items() if len(values) == 16]
+    rotations = [name for name in numbers if ROTATION_NAME.fullmatch(name.lower())]
     if len(matrices) == 1:
         name = matrices[0]
-        matrix = _pose_from_rows(plain[name], f"{path}: {name}")
-        return np.linalg.inv(matrix) if _is_inverse(name) else matrix
-    for name, value in plain.items():
-        shape = R_AND_T.fullmatch(name.lower())
-        if shape is None or shape[1] not in PAIRS:
-            continue
-        other = PAIRS[shape[1]] + (shape[2] or "")
-        t = next((plain[key] for key in plain if key.lower() == other), None)
+        pose = _pose_from_rows(lists[name], f"{path}: {name}")
+    elif rotations:
+        name = rotations[0]
+        where, turn = f"{path}: {name}", numbers[name]
+        kind, frames = ROTATION_NAME.fullmatch(name.lower()).groups("")
+        other = PAIRS[kind] + frames
+        t = next((values for key, values in numbers.items() if key.lower() == other), None)
         if t is None:
             raise HandEyeFileError(
                 f"{path} has the rotation {name}, but not the translation {other}; add it"
             )
-        turn = _flatten(value, f"{path}: {name}")
         if len(turn) not in (3, 9):
-            raise HandEyeFileError(f"{path}: {name} has {len(turn)} numbers, must have 9 (rotation "
+            raise HandEyeFileError(f"{where} has {len(turn)} numbers, must have 9 (rotation "
                                    "matrix) or 3 (rotation vector, rad)")  # fmt: skip
-        where = f"{path}: {name}"
         R = np.reshape(turn, (3, 3)) if len(turn) == 9 else _rotation_from_vector(turn, where)
-        matrix = _make_pose(R, _flatten(t, f"{path}: {other}"), where)
-        return np.linalg.inv(matrix) if _is_inverse(name) else matrix
-    raise HandEyeFileError(
-        f"{path} contains only {', '.join(map(str, data)) or 'nothing'}; add a 4x4 "
-        "matrix, or R and t (such as R_cam2gripper and t_cam2gripper)"
-    )
-
-
-def _is_inverse(name: str) -> bool:
-    """Return whether a matrix with this name maps coordinates to the camera frame.
-
-    Examples of such names are gripper2cam and base_to_camera.
-    """
-    return re.search(r"(2|_to_|to)(cam|camera|optical)\b", name.lower()) is not None
+        pose = _make_pose(R, t, where)
+    else:
+        raise HandEyeFileError(
+            f"{path} contains only {', '.join(map(str, data)) or 'nothing'}; add a 4x4 "
+            "matrix, or R and t (such as R_cam2gripper and t_cam2gripper)"
+        )
+    return np.linalg.inv(pose) if INVERSE_NAME.search(name.lower()) else pose
 
 
 def _flatten(value: Any, where: str) -> list[float]:
@@ -409,13 +383,6 @@ def _flatten(value: Any, where: str) -> list[float]:
             "complete"
         )
     return [number]
-
-
-def _count_entries(data: Mapping[str, Any], path: Path) -> int:
-    sides = [data.get(key) for key in ("rows", "cols")]
-    if not all(isinstance(side, int) for side in sides):
-        raise HandEyeFileError(f"{path}: rows and cols are {sides}, must be whole numbers")
-    return sides[0] * sides[1]
 
 
 def _parse_float(text: str | None) -> float | None:

@@ -1,5 +1,7 @@
 """Hand-eye calibration files: every format gives the same pose; an error is a one-line message."""
 
+import json
+
 import cv2
 import numpy as np
 import pytest
@@ -73,6 +75,7 @@ FORMATS = {
     "cv.json": storage(".json", rvec=TURN, tvec=T),
     "rt.yaml": yaml.safe_dump({"R_cam2gripper": R.tolist(), "t_cam2gripper": T.tolist()}),
     "rt_mm.yaml": yaml.safe_dump({"R": R.tolist(), "t": (1e3 * T).tolist(), "units": "mm"}),
+    "rt_mm.json": json.dumps({"units": "mm", "R": R.tolist(), "t": (1e3 * T).tolist()}),
     "eMc.txt": "\n".join(map(repr, VECTOR)),
     "eMc.yaml": "# eMc\n" + yaml.safe_dump({"rows": 6, "cols": 1, "data": [[v] for v in VECTOR]}),
     "eMc4.yaml": yaml.safe_dump({"rows": 4, "cols": 4, "data": POSE.tolist()}), "eMc.xml": VISP_XML,

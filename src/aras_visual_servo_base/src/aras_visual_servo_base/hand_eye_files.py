@@ -84,6 +84,8 @@ def read_hand_eye(path: str | Path, units: str = "") -> HandEyeCalibration:
     """
     path = Path(path).expanduser()
     text = read_text(path, HandEyeFileError)
+    match = re.search(r"^\s*<?units?\s*[:>]\s*[\"']?(\w+)", text, re.MULTILINE)
+    stated_units = match[1] if match else ""
     if text.lstrip().startswith("<"):
         found = _read_xml(text, path)
     elif PUBLISHER in text:
@@ -91,11 +93,15 @@ def read_hand_eye(path: str | Path, units: str = "") -> HandEyeCalibration:
         found = _read_publisher_arguments(arguments, path)
     elif (rows := _parse_rows(text)) is not None:
         found = HandEyeCalibration(_pose_from_rows(rows, str(path)))
+    elif text.startswith("%YAML") or re.search("opencv-(nd-)?matrix", text):
+        found = _read_opencv(text, path)
     else:
-        found = _read_mapping(text, path)
-    stated = re.search(r"^\s*<?units?\s*[:>]\s*[\"']?(\w+)", text, re.MULTILINE)
-    units = units or (stated[1] if stated else "")
-    return replace(found, link_T_camera=_convert_to_metres(found.link_T_camera, units, path))
+        data = parse_yaml(text, str(path), HandEyeFileError)
+        found = _read_yaml(data, path)
+        if isinstance(data, Mapping):
+            stated_units = str(data.get("units", data.get("unit", "")))
+    pose = _convert_to_metres(found.link_T_camera, units or stated_units, path)
+    return replace(found, link_T_camera=pose)
 
 
 def _convert_to_metres(pose: np.ndarray, units: str, path: Path) -> np.ndarray:
@@ -278,10 +284,7 @@ def _find_publisher_text(text: str) -> str:
     return inside if closed else ""
 
 
-def _read_mapping(text: str, path: Path) -> HandEyeCalibration:
-    if text.startswith("%YAML") or re.search("opencv-(nd-)?matrix", text):
-        return _read_opencv(text, path)
-    data = parse_yaml(text, str(path), HandEyeFileError)
+def _read_yaml(data: Any, path: Path) -> HandEyeCalibration:
     if not isinstance(data, Mapping):
         return HandEyeCalibration(_pose_from_rows(data, str(path)))
     # a YAML file of ViSP contains an array as rows, cols and data

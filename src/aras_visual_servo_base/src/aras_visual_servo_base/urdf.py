@@ -7,8 +7,9 @@ ignore or report without a clear message. Inertias, visuals and collisions are r
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from graphlib import CycleError, TopologicalSorter
 from types import MappingProxyType
 from typing import Self
 from xml.etree.ElementTree import Element
@@ -30,6 +31,9 @@ Rgba = tuple[float, float, float, float]  # red, green, blue and opacity of a co
 MOVING_KINDS = ("revolute", "continuous", "prismatic")
 CAMERA_KINDS = ("camera", "depth", "wideanglecamera", "multicamera")
 JOINT_KINDS = (*MOVING_KINDS, "fixed", "floating", "planar")
+BOUNDED_KINDS = ("revolute", "prismatic")
+# suffixes of the names of a camera's optical frame and camera link
+OPTICAL, LINK = "_optical_frame", "_link"
 
 
 class FramedElement:
@@ -46,8 +50,6 @@ class FramedElement:
     def with_pose(self, pose: Pose) -> Self:
         """Return a copy of the element with another pose."""
         return replace(self, origin_xyz=pose.xyz, origin_rpy=pose.rpy)
-# suffixes of the names of a camera's optical frame and camera link
-OPTICAL, LINK = "_optical_frame", "_link"
 
 
 @dataclass(frozen=True)
@@ -126,7 +128,7 @@ class Joint(FramedElement):
 
         A stop is 0 if the element `<limit>` does not define it, as URDF prescribes.
         """
-        if self.limits is None or self.kind not in ("revolute", "prismatic"):
+        if self.limits is None or self.kind not in BOUNDED_KINDS:
             return -math.inf, math.inf
         return self.limits.lower or 0.0, self.limits.upper or 0.0
 
@@ -147,7 +149,7 @@ class UrdfTree:
     root: str
     links: Mapping[str, Element]
     joints: Mapping[str, Joint]
-    cameras: Mapping[str, Pose] = field(default_factory=lambda: MappingProxyType({}))
+    cameras: Mapping[str, Pose]
 
     def find_path(self, base: str, link: str) -> list[Joint]:
         """Return the joints from the link `base` down to `link`. If `base` is '', it is the root.
@@ -221,7 +223,7 @@ def _build_tree(xml: str | Element) -> UrdfTree:
         if joint.name in joints:
             raise DescriptionError(f"URDF: two joints are named '{joint.name}'; rename one")
         joints[joint.name] = joint
-    root = find_root_link(links, joints, f"robot '{shorten(name)}'")
+    root = _find_root_link(links, joints, f"robot '{shorten(name)}'")
     _check_mimics(joints)
     cameras: dict[str, Pose] = {}
     for block in robot.findall("gazebo[@reference]"):
@@ -294,22 +296,19 @@ def _read_joint(element: Element) -> Joint:
             raise DescriptionError(f"{where}: it has no <{tag} link=…>; add one")
         ends.append(node.get("link"))
     xyz, rpy = read_origin(element, where)
-    axis_node = element.find("axis")
-    axis = (1.0, 0.0, 0.0)
-    if axis_node is not None and kind in ("revolute", "continuous", "prismatic", "planar"):
-        axis = parse_direction(axis_node.get("xyz"), f"{where}: axis", axis)
-    dynamics = element.find("dynamics")
+    axis, node = (1.0, 0.0, 0.0), element.find("axis")
+    if node is not None and kind in (*MOVING_KINDS, "planar"):
+        axis = parse_direction(node.get("xyz"), f"{where}: axis", axis)
     damping = friction = 0.0
-    if dynamics is not None:
-        damping = parse_number(dynamics.get("damping"), f"{where}: damping", 0.0)
-        friction = parse_number(dynamics.get("friction"), f"{where}: friction", 0.0)
+    if (node := element.find("dynamics")) is not None:
+        damping = parse_number(node.get("damping"), f"{where}: damping", 0.0)
+        friction = parse_number(node.get("friction"), f"{where}: friction", 0.0)
         if damping < 0.0 or friction < 0.0:
             raise DescriptionError(
                 f"{where}: damping {damping} and friction {friction} must be ≥ 0"
             )
     mimic = None
-    node = element.find("mimic")
-    if node is not None:
+    if (node := element.find("mimic")) is not None:
         if not node.get("joint"):
             raise DescriptionError(f"{where}: <mimic> has no attribute joint; add it")
         mimic = Mimic(
@@ -322,14 +321,13 @@ def _read_joint(element: Element) -> Joint:
 
 
 def _read_limits(element: Element, kind: str, where: str) -> JointLimits | None:
-    node = element.find("limit")
+    node, bounded = element.find("limit"), kind in BOUNDED_KINDS
+    if node is None and bounded:
+        raise DescriptionError(
+            f"{where}: a {kind} joint needs <limit lower= upper= effort= velocity=>"
+        )
     if node is None:
-        if kind in ("revolute", "prismatic"):
-            raise DescriptionError(
-                f"{where}: a {kind} joint needs <limit lower= upper= effort= velocity=>"
-            )
         return None
-    bounded = kind in ("revolute", "prismatic")
     lower = parse_number(node.get("lower"), f"{where}: limit lower", 0.0)
     upper = parse_number(node.get("upper"), f"{where}: limit upper", 0.0)
     if bounded and lower > upper:
@@ -350,22 +348,17 @@ def _read_soft_limits(element: Element, where: str) -> SoftLimits | None:
     node = element.find("safety_controller")
     if node is None:
         return None
-    bounds = [
+    lower, upper = (
         None if node.get(key) is None else parse_number(node.get(key), f"{where}: {key}")
         for key in ("soft_lower_limit", "soft_upper_limit")
-    ]
-    return SoftLimits(bounds[0], bounds[1],
+    )
+    return SoftLimits(lower, upper,
                       parse_number(node.get("k_position"), f"{where}: k_position", 0.0),
                       parse_number(node.get("k_velocity"), f"{where}: k_velocity"))
 
 
-def find_root_link(links: Iterable[str], joints: dict[str, Joint], where: str) -> str:
-    """Return the only link without a parent.
-
-    Raises:
-        DescriptionError: a joint names a link that does not exist, a link has two parents, or the
-            joints form a loop or several trees.
-    """
+def _find_root_link(links: Iterable[str], joints: dict[str, Joint], where: str) -> str:
+    """Return the only link without a parent, after checking that the joints form one tree."""
     parents: dict[str, str] = {}
     for joint in joints.values():
         for end in (joint.parent, joint.child):
@@ -383,27 +376,20 @@ def find_root_link(links: Iterable[str], joints: dict[str, Joint], where: str) -
         found = ", ".join(f"'{shorten(r)}'" for r in roots[:5]) or "none (the joints form a loop)"
         raise DescriptionError(f"{where}: there must be exactly one link without a parent, found "
                                f"{found}; connect the links by joints")
-    lost = _find_cycle(links, parents)
-    if lost is not None:
+    if loop := _find_loop(parents):
         raise DescriptionError(
-            f"{where}: link '{lost}' is in a loop of joints, not in the tree of '{roots[0]}'; "
+            f"{where}: link '{loop[0]}' is in a loop of joints, not in the tree of '{roots[0]}'; "
             "remove a joint of the loop")
     return roots[0]
 
 
-def _find_cycle(names: Iterable[str], parents: Mapping[str, str]) -> str | None:
-    """Return a name from which the mapping `parents` leads into a loop; None if there is none."""
-    settled: set[str] = set()
-    for name in names:
-        path: dict[str, None] = {}
-        at: str | None = name
-        while at is not None and at not in settled:
-            if at in path:
-                return name
-            path[at] = None
-            at = parents.get(at)
-        settled.update(path)
-    return None
+def _find_loop(predecessors: Mapping[str, str]) -> list[str]:
+    """Return names that form a loop in a mapping from each name to its predecessor; [] for none."""
+    try:
+        TopologicalSorter({name: [above] for name, above in predecessors.items()}).prepare()
+    except CycleError as error:
+        return error.args[1]
+    return []
 
 
 def _check_mimics(joints: dict[str, Joint]) -> None:
@@ -413,6 +399,7 @@ def _check_mimics(joints: dict[str, Joint]) -> None:
         if leader not in joints or not joints[leader].is_movable:
             raise DescriptionError(f"joint '{name}': it mimics '{shorten(leader)}', which is not "
                                    "a moving joint of this robot; name another joint")
-    lost = _find_cycle(leaders, leaders)
-    if lost is not None:
-        raise DescriptionError(f"joint '{lost}': the <mimic> elements form a loop; remove one")
+    if loop := _find_loop(leaders):
+        raise DescriptionError(
+            f"joint '{loop[0]}': the <mimic> elements form a loop; remove one"
+        )

@@ -178,32 +178,28 @@ class UrdfTree:
 def read_robot_name(urdf: str) -> str:
     """Return the name of the robot in a URDF; '' if the text is not a URDF or has no name."""
     try:
-        return _parse_robot(urdf)[1]
+        return _read_name(safe_xml.parse(urdf, "URDF"))
     except DescriptionError:
         return ""
 
 
-def parse_tree(xml: str | Element) -> UrdfTree:
-    """Read and check the tree of a URDF.
+@lru_cache(maxsize=8)
+def parse_tree(urdf: str) -> UrdfTree:
+    """Read the tree of a URDF text; cached, because many runs of a study use the same text.
 
-    Args:
-        xml: text of the URDF with xacro already expanded, or the result of `safe_xml.parse` for it.
+    The errors are those of `read_tree`.
+    """
+    return read_tree(safe_xml.parse(urdf, "URDF"))
+
+
+def read_tree(robot: Element) -> UrdfTree:
+    """Read and check the tree of a URDF, without macros of xacro.
 
     Raises:
         DescriptionError: an element is invalid; the message names the element, the problem and how
             to fix it.
     """
-    return _parse_tree_text(xml) if isinstance(xml, str) else _build_tree(xml)
-
-
-@lru_cache(maxsize=8)
-def _parse_tree_text(xml: str) -> UrdfTree:
-    """Read the tree of a URDF text; cached, because many runs of a study use the same text."""
-    return _build_tree(xml)
-
-
-def _build_tree(xml: str | Element) -> UrdfTree:
-    robot, name = _parse_robot(xml)
+    name = _read_name(robot)
     links: dict[str, Element] = {}
     for element in robot.findall("link"):
         link = element.get("name")
@@ -256,16 +252,13 @@ def read_camera_pose(sensor: Element, node: Element, where: str) -> tuple[Vector
     return both.xyz, both.rpy
 
 
-def _parse_robot(xml: str | Element) -> tuple[Element, str]:
-    """Return the <robot> element and its name."""
-    robot = safe_xml.parse(xml, "URDF")
+def _read_name(robot: Element) -> str:
     if robot.tag != "robot":
         raise DescriptionError(f"URDF: the root element is <{shorten(robot.tag)}>, not <robot>; "
                                "use the URDF of a robot")
-    name = robot.get("name")
-    if not name:
+    if not robot.get("name"):
         raise DescriptionError("URDF: <robot> has no name; give it one")
-    return robot, name
+    return robot.get("name")
 
 
 def read_origin(element: Element, where: str) -> tuple[Vector3, Vector3]:

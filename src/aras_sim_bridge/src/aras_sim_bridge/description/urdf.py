@@ -30,8 +30,8 @@ from aras_visual_servo_base.urdf import (
     Joint,
     JointLimits,
     UrdfTree,
-    parse_tree,
     read_origin,
+    read_tree,
 )
 
 
@@ -54,7 +54,7 @@ def parse_urdf(
             to fix it.
     """
     robot = safe_xml.parse(xml, "URDF")
-    tree = parse_tree(robot)
+    tree = read_tree(robot)
     warnings: list[str] = []
 
     def resolve(uri: str, where: str) -> str:

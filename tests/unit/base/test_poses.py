@@ -9,11 +9,10 @@ import pytest
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
+from aras_visual_servo_base.pose_checks import check_pose, check_vector
 from aras_visual_servo_base.poses import (
     LINK_R_OPTICAL,
     Pose,
-    check_pose,
-    check_vector,
     exponential,
     inverse,
     logarithm,

@@ -193,59 +193,6 @@ def rpy_from_rotation(R: Sequence[Sequence[float]]) -> Vector3:
     return 0.0, pitch, math.atan2(-xy, yy)  # roll and yaw have the same axis, so roll is set to 0
 
 
-def check_vector(
-    values: object, what: str, fault: type[Exception], count: int = 3
-) -> tuple[float, ...]:
-    """Return a tuple of `count` finite floats.
-
-    Args:
-        what: name of the values, for messages.
-
-    Raises:
-        fault: the values are not `count` finite numbers.
-    """
-    try:
-        result = tuple(float(v) for v in values)
-    except (TypeError, ValueError):
-        raise fault(f"{what}: {values!r} is not a sequence of {count} numbers") from None
-    if len(result) != count:
-        raise fault(f"{what}: needs {count} numbers, got {len(result)}")
-    if not math.isfinite(sum(abs(v) for v in result)):
-        raise fault(f"{what}: {result} contains a number that is not finite; correct it")
-    return result
-
-
-def check_pose(
-    pose: object, what: str, fault: type[Exception], zero_is_identity: bool = False
-) -> Pose:
-    """Check a pose, and return it with a normalised quaternion.
-
-    Args:
-        pose: (xyz, quat).
-        what: name of the pose, for messages.
-        fault: class of the exception to raise.
-        zero_is_identity: whether the quaternion (0, 0, 0, 0) is accepted as the identity. Unset
-            fields of messages have this value.
-
-    Raises:
-        fault: a number is not finite, there are too many or too few numbers, or the norm of the
-            quaternion is below 1e-6 or above 1e6.
-    """
-    try:
-        xyz, quat = pose
-    except (TypeError, ValueError):
-        raise fault(f"{what}: {pose!r} is not (position, quaternion)") from None
-    xyz = check_vector(xyz, f"{what}: position", fault)
-    quat = check_vector(quat, f"{what}: orientation", fault, 4)
-    norm = math.hypot(*quat)
-    if zero_is_identity and norm == 0.0:
-        return Pose(xyz)
-    if not 1e-6 <= norm <= 1e6:
-        raise fault(f"{what}: orientation {quat} is not a unit quaternion; use (0, 0, 0, 1) for "
-                    "no rotation")  # fmt: skip
-    return Pose(xyz, normalise(quat))
-
-
 # Rotation of the optical frame (z forward, y down) in Gazebo's camera link (x forward, z up).
 LINK_R_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 LINK_R_OPTICAL.setflags(write=False)

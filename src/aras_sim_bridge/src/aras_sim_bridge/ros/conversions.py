@@ -12,7 +12,8 @@ from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import Twist as TwistMessage
 
 from aras_sim_bridge.errors import WorldError
-from aras_visual_servo_base.poses import Pose, Twist, check_pose, check_vector
+from aras_visual_servo_base.pose_checks import check_pose, check_vector
+from aras_visual_servo_base.poses import Pose, Twist
 
 # Largest requested position of a model or joint, m or rad. At this distance, double precision still
 # resolves 1e-10.

@@ -10,7 +10,8 @@ from types import MappingProxyType
 from aras_sim_bridge.description.inertia import make_inertial
 from aras_sim_bridge.description.types import RobotDescription
 from aras_sim_bridge.errors import WorldError
-from aras_visual_servo_base.poses import Vector3, check_vector
+from aras_visual_servo_base.pose_checks import check_vector
+from aras_visual_servo_base.poses import Vector3
 from aras_visual_servo_base.urdf import JointLimits
 
 

@@ -33,7 +33,8 @@ from aras_sim_bridge.world.model import Model
 from aras_sim_bridge.world.model_checks import LARGEST, check_simulable
 from aras_sim_bridge.world.penetration_recovery import PenetrationRecovery
 from aras_sim_bridge.world.resting_base import FIXED_BASE_ARRAYS, RestingBases
-from aras_visual_servo_base.poses import IDENTITY, Pose, Twist, check_pose, check_vector
+from aras_visual_servo_base.pose_checks import check_pose, check_vector
+from aras_visual_servo_base.poses import IDENTITY, Pose, Twist
 
 logger = logging.getLogger(__name__)
 

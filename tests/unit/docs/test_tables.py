@@ -19,7 +19,7 @@ from aras_sim_bridge.camera.config import CameraConfig
 from aras_sim_bridge.camera.lens import COEFFICIENTS, LARGEST_ANGLE, RADIUS_FUNCTION
 from aras_sim_bridge.ros.runtime.node_parameters import NodeParameters
 from aras_visual_servo_base.settings import list_defaults
-from aras_visual_servo_camera.moment_feature_values import compute_required_order
+from aras_visual_servo_camera.feature_plan import compute_required_order
 from aras_visual_servo_camera.moments import POINTS
 from aras_visual_servo_camera.parameters import VisionParameters
 from aras_visual_servo_controller.settings import ControllerSettings

@@ -35,109 +35,70 @@ class Formula:
         return f"Formula({self.source!r})"
 
 
-class CompiledFormulas:
-    """Several formulas, which may use each other, compiled to one function without loops.
+def compile_formulas(
+    names: Sequence[str], leaves: Sequence[str], find_formula: Callable[[str], Formula | None],
+    find_source: Callable[[str], str], same_slope: Mapping[str, str],
+) -> Callable[..., tuple]:  # fmt: skip
+    """Compile several formulas, which may use each other, to one function without loops.
 
     A leaf is a variable that has no formula, such as a moment.
 
-    Attributes:
-        leaves: names of the arguments of `evaluate`, in order.
-        used_leaves: names of the leaves that affect the result.
-        evaluate: compiled function of the leaves. It returns the values of the formulas, and for
-            each formula its derivatives with respect to the leaves.
+    Args:
+        names: names of the formulas or leaves whose values the function returns.
+        leaves: names of all leaves; the function does not read those that are unused.
+        find_formula: function that returns the formula of a name, or None for a leaf.
+        find_source: function that returns the Python source that reads a leaf from the arguments
+            `mu` and `get` of the compiled function.
+        same_slope: for some leaves, the name of a formula. The derivatives of this formula are
+            used as the derivatives of the leaf.
+
+    Returns:
+        Function of `mu` and `get`. It returns the values of the formulas, and for each formula its
+        derivatives with respect to all leaves.
     """
+    lines: list[str] = []
+    # For each formula and leaf: the variable of the generated source that contains its value; and
+    # for each leaf on which it depends, the source of the derivative.
+    known: dict[str, tuple[str, dict[str, str]]] = {}
 
-    def __init__(
-        self,
-        names: Sequence[str],
-        find_formula: Callable[[str], Formula | None],
-        leaves: Sequence[str],
-        same_slope: Mapping[str, str],
-    ) -> None:
-        """Write the source of `evaluate` and compile it.
-
-        A leaf is a variable that has no formula, such as a moment.
-
-        Args:
-            names: names of the formulas or leaves whose values `evaluate` returns.
-            find_formula: function that returns the formula of a name, or None for a leaf.
-            leaves: names of all leaves; some may be unused.
-            same_slope: for some leaves, the name of a formula. The derivatives of this formula are
-                used as the derivatives of the leaf.
-        """
-        self.leaves = tuple(leaves)
-        self.used_leaves: set[str] = set()
-        self._find_formula, self._same_slope = find_formula, same_slope
-        self._lines: list[str] = []
-        # For each formula or variable: the variable of the generated source that contains its
-        # value; and for each leaf (variable without formula), the variable of the source that
-        # contains the derivative with respect to the leaf.
-        self._local_names: dict[str, tuple[str, dict[str, str]]] = {}
-        found = [self._get_locals(name) for name in names]
-        values = _format_tuple(value for value, _ in found)
-        rows = _format_tuple(
-            _format_tuple(slopes.get(n, "0.0") for n in self.leaves) for _, slopes in found
-        )
-        body = "\n    ".join([*self._lines, f"return {values}, {rows}"])
-        self.evaluate = _compile_function(
-            f"def evaluate({', '.join(self.leaves)}):\n    {body}", "evaluate"
-        )
-
-    def _get_locals(self, name: str) -> tuple[str, dict[str, str]]:
-        """Return the names of the variables that represent a formula or leaf in the source.
-
-        A leaf is a variable that has no formula, such as a moment.
-
-        The first call for each formula writes the lines of source that set these variables.
-
-        Returns:
-            The variable that contains the value of the formula; and for each leaf, the variable
-            that contains the derivative with respect to this leaf.
-        """
-        if name not in self._local_names:
-            formula = self._find_formula(name)
-            if formula is not None:
-                self._local_names[name] = self._write_formula(formula)
+    def add(name: str) -> tuple[str, dict[str, str]]:
+        if name not in known:
+            formula = find_formula(name)
+            if formula is None:
+                lines.append(f"{name} = {find_source(name)}")
+                same = same_slope.get(name)
+                known[name] = name, {name: "1.0"} if same is None else add(same)[1]
             else:
-                self.used_leaves.add(name)
-                same = self._same_slope.get(name)
-                slopes = {name: "1.0"} if same is None else self._get_locals(same)[1]
-                self._local_names[name] = name, slopes
-        return self._local_names[name]
+                known[name] = add_formula(formula)
+        return known[name]
 
-    def _write_formula(self, formula: Formula) -> tuple[str, dict[str, str]]:
-        arguments = [self._get_locals(name) for name in formula.names]
-        variable = f"_{len(self._local_names)}"
+    def add_formula(formula: Formula) -> tuple[str, dict[str, str]]:
+        arguments = [add(name) for name in formula.names]
+        variable = f"_{len(known)}"
         partials = [f"{variable}_{k}" for k in range(len(arguments))]
-        # In the formula, replace each name by the variable of the generated source that contains
-        # its value.
-        local_values = {
-            name: value for name, (value, _) in zip(formula.names, arguments, strict=True)
-        }
-        expression = _rename_variables(formula.body, local_values)
-        self._lines.append(f"{', '.join([variable, *partials])} = {expression}")
-        sums: dict[str, list[str]] = {}
+        values = {name: add(name)[0] for name in formula.names}
+        expression = _rename_variables(formula.body, values)
+        lines.append(f"{', '.join([variable, *partials])} = {expression}")
+        terms: dict[str, list[str]] = {}
         for (_, slopes), partial in zip(arguments, partials, strict=True):
             for leaf, slope in slopes.items():
-                sums.setdefault(leaf, []).append(
-                    partial if slope == "1.0" else f"{partial} * {slope}"
-                )
-        slopes = {}
-        for k, (leaf, terms) in enumerate(sums.items()):
-            slopes[leaf] = f"{variable}_by_{k}"
-            self._lines.append(f"{slopes[leaf]} = {' + '.join(terms)}")
+                product = partial if slope == "1.0" else f"{partial} * {slope}"
+                terms.setdefault(leaf, []).append(product)
+        slopes = {leaf: f"{variable}_by_{k}" for k, leaf in enumerate(terms)}
+        lines.extend(f"{slopes[leaf]} = {' + '.join(terms[leaf])}" for leaf in terms)
         return variable, slopes
+
+    found = [add(name) for name in names]
+    rows = (_format_tuple(slopes.get(n, "0.0") for n in leaves) for _, slopes in found)
+    result = f"{_format_tuple(value for value, _ in found)}, {_format_tuple(rows)}"
+    source = "\n    ".join(["def evaluate(mu, get):", *lines, f"return {result}"])
+    namespace: dict[str, object] = {"sqrt": sqrt, "atan2": atan2, "__builtins__": {}}
+    exec(compile(source, f"<formulas {source}>", "exec"), namespace)  # noqa: S102
+    return namespace["evaluate"]
 
 
 def _format_tuple(entries: Iterable[str]) -> str:
     return f"({''.join(f'{entry}, ' for entry in entries)})"
-
-
-def _compile_function(source: str, name: str) -> Callable[..., tuple]:
-    """Compile generated source and return the function `name` that it defines."""
-    namespace: dict[str, object] = {"sqrt": sqrt, "atan2": atan2, "__builtins__": {}}
-    exec(compile(source, f"<formulas {source}>", "exec"), namespace)  # noqa: S102
-    return namespace[name]
 
 
 def _rename_variables(body: str, names: Mapping[str, str]) -> str:

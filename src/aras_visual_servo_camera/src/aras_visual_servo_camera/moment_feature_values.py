@@ -19,30 +19,24 @@ reason, and the value and the row of L are zero, not NaN.
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, lru_cache
 from math import sqrt
 from types import MappingProxyType
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .degeneracy import CHECKS, DEFAULT_TOLERANCE
 from .errors import DegenerateFeatureError, UnavailableFeatureError
-from .feature_formulas import DENOMINATORS, FORMULAS
-from .formula import CompiledFormulas, Formula
+from .feature_formulas import FORMULAS
+from .feature_plan import CENTRED, FeaturePlan, compile_plan, make_node, make_plan, parse_moment
 from .interaction import Plane, compute_centred_interaction, compute_raw_interaction
-from .moments import DENSE, Moments, exponents
+from .moments import DENSE, Moments
 from .polygons import Array
 from .target_orientation import TargetOrientation, full_alpha
 
 PAPER_FEATURES = ("xn", "yn", "an", "alpha")
 
-CENTRED = 2  # row of mu00 in the array that `_compute_leaf_rows` builds
-_MOMENT = re.compile(r"(m|mu)(\d)(\d)\Z")
 
 
 @dataclass(frozen=True)
@@ -96,11 +90,6 @@ class MomentFeatureValues:
     degenerate: Mapping[str, str]
     plane: Plane
 
-    @property
-    def is_defined(self) -> bool:
-        """True if every feature is defined."""
-        return not self.degenerate
-
     def __getitem__(self, name: str) -> float:
         """Return the value of the feature with this name.
 
@@ -108,18 +97,6 @@ class MomentFeatureValues:
             DegenerateFeatureError: the feature is undefined for the shape in this view.
             UnavailableFeatureError: the feature was not computed.
         """
-        return float(self.values[self._find_index(name)])
-
-    def get_interaction_row(self, name: str) -> Array:
-        """Return the row (6,) of the interaction matrix L for one feature.
-
-        Raises:
-            DegenerateFeatureError: the feature is undefined for the shape in this view.
-            UnavailableFeatureError: the feature was not computed.
-        """
-        return self.L[self._find_index(name)]
-
-    def _find_index(self, name: str) -> int:
         if name in self.degenerate:
             raise DegenerateFeatureError(name, self.degenerate[name])
         if name not in self.names:
@@ -127,143 +104,7 @@ class MomentFeatureValues:
                 f"feature '{name}' was not computed; the computed features are "
                 f"{', '.join(self.names)}"
             )
-        return self.names.index(name)
-
-
-class _Node(NamedTuple):
-    """Formula of one feature, and the quantities from which the feature is computed.
-
-    `leaves` are the names of quantities that have no formula, such as moments. `denominators` are
-    formulas that must not be zero.
-    """
-
-    # Formula of the feature; None for a quantity without formula, such as a moment.
-    formula: Formula | None
-    leaves: frozenset[str]
-    denominators: tuple[str, ...]
-
-
-@cache
-def _make_node(name: str) -> _Node:
-    own = (DENOMINATORS[name],) if name in DENOMINATORS else ()
-    if name == "alpha_full":
-        third = (name, "mu30", "mu21", "mu12", "mu03")
-        return _Node(None, frozenset((*third, *_make_node("alpha").leaves)), own)
-    if name in ("a", "xg", "yg", "a_star", "Z_star") or _parse_moment(name):
-        return _Node(None, frozenset((name,)), own)
-    formula = FORMULAS.get(name)
-    if formula is None:
-        if name.isidentifier():
-            raise UnavailableFeatureError(
-                f"there is no feature '{name}'; use one of mIJ, muIJ, xg, yg, alpha_full, "
-                + ", ".join(FORMULAS)
-            )
-        try:
-            formula = Formula(name)
-        except (SyntaxError, ValueError) as error:
-            raise UnavailableFeatureError(
-                f"'{name}' is neither a feature nor a formula: {error}"
-            ) from None
-    below = [_make_node(n) for n in formula.names]
-    denominators = dict.fromkeys((*own, *(d for n in below for d in n.denominators)))
-    return _Node(formula, frozenset().union(*(n.leaves for n in below)), tuple(denominators))
-
-
-@cache
-def _parse_moment(leaf: str) -> tuple[str, int, int] | None:
-    """Return ('m' or 'mu', i, j) for the name of a moment, otherwise None."""
-    match = _MOMENT.match(leaf)
-    return None if match is None else (match[1], int(match[2]), int(match[3]))
-
-
-def _find_leaf_order(leaf: str, kind: str) -> int:
-    if moment := _parse_moment(leaf):
-        return moment[1] + moment[2]
-    if leaf == "a":
-        return 0 if kind == DENSE else 2
-    return 1 if leaf in ("xg", "yg") else 0
-
-
-class _Plan(NamedTuple):
-    """The quantities from which a list of features is computed; it is cached for each list.
-
-    A leaf is a quantity that has no formula, such as a moment. Its row is a row (6,) of the
-    interaction matrix.
-
-    Attributes:
-        leaves: names of the leaves.
-        centred_order: highest order of those centred moments whose rows must be computed.
-        raw_order: highest order of those raw moments whose rows must be computed; -1 for none.
-        row_indices: index of each leaf's row in the array that `_compute_leaf_rows` builds.
-        checked_names: names of the features that can be undefined.
-    """
-
-    leaves: tuple[str, ...]
-    centred_order: int
-    raw_order: int
-    row_indices: NDArray[np.intp]
-    checked_names: tuple[str, ...]
-
-
-@lru_cache(maxsize=256)
-def _make_plan(names: tuple[str, ...], kind: str) -> _Plan:
-    leaves = sorted(frozenset().union(*(_make_node(name).leaves for name in names)))
-    raw = [_find_leaf_order(n, kind) for n in leaves if re.match(r"m\d", n)]
-    rest = [_find_leaf_order(n, kind) for n in leaves if not re.match(r"m\d", n)]
-    centred_order, raw_order = max([1, *rest]), max([1, *raw]) if raw else -1
-    # Order of the rows: xg, yg, all mu_ij, all m_ij, and the area of a set of points. The area of a
-    # region is mu00. A quantity that does not depend on the camera has the row of mu10, which is 0.
-    first_raw, area = CENTRED + len(exponents(centred_order)), CENTRED if kind == DENSE else -1
-
-    def find_position(leaf: str) -> int:
-        if moment := _parse_moment(leaf):
-            table, i, j = moment
-            index = (i + j) * (i + j + 1) // 2 + j
-            return index + (first_raw if table == "m" else CENTRED)
-        return {"a": area, "xg": 0, "yg": 1}.get(leaf, CENTRED + 1)
-
-    checked = tuple(n for n in names if _make_node(n).denominators or n == "alpha_full")
-    return _Plan(
-        tuple(leaves), centred_order, raw_order, np.array([find_position(n) for n in leaves]),
-        checked,
-    )  # fmt: skip
-
-
-@lru_cache(maxsize=256)
-def _compile_plan(names: tuple[str, ...], leaves: tuple[str, ...]) -> CompiledFormulas:
-    return CompiledFormulas(
-        names, lambda name: _make_node(name).formula, leaves, {"alpha_full": "alpha"}
-    )
-
-
-@lru_cache(maxsize=256)
-def _list_leaf_indices(
-    names: tuple[str, ...], leaves: tuple[str, ...]
-) -> tuple[tuple[str, tuple[int, int] | None], ...]:
-    """Return the name of each leaf and its indices: (i, j) for a centred moment mu_ij, else None.
-
-    A leaf is a quantity that has no formula, such as a moment. The result for a leaf that affects
-    none of the features is ('', None).
-    """
-    used, found = _compile_plan(names, leaves).used_leaves, []
-    for name in leaves:
-        moment = _parse_moment(name)
-        indices = moment[1:] if moment is not None and moment[0] == "mu" else None
-        found.append((name, indices) if name in used else ("", None))
-    return tuple(found)
-
-
-def compute_required_order(names: Iterable[str], kind: str = DENSE) -> int:
-    """Return the order of moments that is needed to compute L of the features.
-
-    This order is one higher than the order needed for the values of the features.
-
-    Args:
-        names: names of the features.
-        kind: 'dense' for moments of a region, 'points' for moments of a set of points.
-    """
-    plan = _make_plan(tuple(names), kind)
-    return max(plan.centred_order, plan.raw_order) + 1
+        return float(self.values[self.names.index(name)])
 
 
 def compute_moment_features(
@@ -299,7 +140,7 @@ def compute_moment_features(
     """
     names = tuple(names)
     plane = _make_plane(moments, reference) if plane is None else plane
-    view, plan = _View(moments, plane, reference, tolerance), _make_plan(names, moments.kind)
+    view, plan = _View(moments, plane, reference, tolerance), make_plan(names, moments.kind)
     values, rows, degenerate = view.evaluate_defined(names, plan)
     L = np.array(rows) @ _compute_leaf_rows(moments, plane, plan)
     L.setflags(write=False)
@@ -319,7 +160,7 @@ def compute_feature_values(
         UnavailableFeatureError: a name is unknown, the order of the moments is too low, or a
             reference is missing.
     """
-    plan = _make_plan(names, moments.kind)
+    plan = make_plan(names, moments.kind)
     return _View(moments, plane, reference, tolerance).evaluate_defined(names, plan)[0]
 
 
@@ -340,7 +181,7 @@ def _make_plane(moments: Moments, reference: Reference | None) -> Plane:
     return Plane.fronto_parallel(reference.depth * sqrt(reference.area / moments.area))
 
 
-def _compute_leaf_rows(moments: Moments, plane: Plane, plan: _Plan) -> Array:
+def _compute_leaf_rows(moments: Moments, plane: Plane, plan: FeaturePlan) -> Array:
     """Compute the interaction matrix (n, 6) of the n quantities in plan.leaves, in their order."""
     rows = compute_centred_interaction(moments, plane, plan.centred_order)
     if plan.raw_order > 0:
@@ -361,12 +202,12 @@ class _View:
         self.reference = reference
         self.tolerance = tolerance
         self._mu = moments.centred.tolist()
-        self._leaves = {"a": moments.area, "xg": moments.xg, "yg": moments.yg, "": 0.0}
+        self._leaves = {"a": moments.area, "xg": moments.xg, "yg": moments.yg}
         if reference is not None:
             self._leaves |= {"a_star": reference.area, "Z_star": reference.depth}
 
     def evaluate_defined(
-        self, names: tuple[str, ...], plan: _Plan
+        self, names: tuple[str, ...], plan: FeaturePlan
     ) -> tuple[Array, tuple[tuple[float, ...], ...], dict[str, str]]:
         """Evaluate the features, with zeros for those that are undefined.
 
@@ -386,23 +227,21 @@ class _View:
             )
         degenerate = {}
         for name in plan.checked_names:
-            if (reason := self.explain_undefined(name)) is not None:
+            if (reason := self._explain_undefined(name)) is not None:
                 degenerate[name] = reason
         defined = tuple(n for n in names if n not in degenerate) if degenerate else names
         try:
-            values, rows = self.evaluate(defined, plan.leaves)
+            values, rows = self._evaluate(defined, plan.leaves)
         except ZeroDivisionError:
-            values, rows = [], []
             for name in defined:
                 try:
-                    (value,), (row,) = self.evaluate((name,), plan.leaves)
+                    self._evaluate((name,), plan.leaves)
                 except ZeroDivisionError:
                     degenerate[name] = (
                         f"'{name}' divides by zero for this shape; use another feature"
                     )
-                else:
-                    values.append(value)
-                    rows.append(row)
+            defined = tuple(n for n in names if n not in degenerate)
+            values, rows = self._evaluate(defined, plan.leaves)
         if degenerate:
             zeros, remaining = (0.0, (0.0,) * len(plan.leaves)), zip(values, rows, strict=True)
             results = [zeros if name in degenerate else next(remaining) for name in names]
@@ -411,10 +250,10 @@ class _View:
         values.setflags(write=False)
         return values, rows, degenerate
 
-    def explain_undefined(self, name: str) -> str | None:
+    def _explain_undefined(self, name: str) -> str | None:
         """Return the reason why the feature is undefined, or None if it is defined."""
-        for denominator in _make_node(name).denominators:
-            value = self._get_value(denominator) if denominator in FORMULAS else 0.0
+        for denominator in make_node(name).denominators:
+            value = self._compute_value(denominator) if denominator in FORMULAS else 0.0
             reason = CHECKS[denominator](self.moments, value, self.tolerance)
             if reason is not None:
                 return reason
@@ -425,36 +264,27 @@ class _View:
             )
         return None
 
-    def evaluate(
+    def _evaluate(
         self, names: tuple[str, ...], leaves: tuple[str, ...]
     ) -> tuple[tuple[float, ...], tuple[tuple[float, ...], ...]]:
         """Return the values of the features, and their derivatives with respect to `leaves`.
 
-        leaves: names of quantities without formula, such as moments.
-
         Raises:
             ZeroDivisionError: a feature divides by zero.
         """
-        values = []
-        for name, indices in _list_leaf_indices(names, leaves):
-            if indices is not None:
-                values.append(self._mu[indices[0]][indices[1]])
-            elif name in self._leaves:
-                values.append(self._leaves[name])
-            else:
-                values.append(self._get_leaf(name))
-        return _compile_plan(names, leaves).evaluate(*values)
+        return compile_plan(names, leaves)(self._mu, self._get_leaf)
 
-    def _get_value(self, name: str) -> float:
-        return self.evaluate((name,), tuple(sorted(_make_node(name).leaves)))[0][0]
+    def _compute_value(self, name: str) -> float:
+        return self._evaluate((name,), tuple(sorted(make_node(name).leaves)))[0][0]
 
     def _get_leaf(self, name: str) -> float:
-        """Return the value of a moment, or of alpha_full; these quantities have no formula."""
-        moments = self.moments
-        if moment := _parse_moment(name):
-            return moments.m(*moment[1:])
+        """Return the value of a quantity without formula, except that of a centred moment."""
+        if name in self._leaves:
+            return self._leaves[name]
+        if moment := parse_moment(name):
+            return self.moments.m(*moment[1:])
         orientation = self._get_reference(name).orientation
-        return full_alpha(moments, self._get_value("alpha"), self.plane, orientation)
+        return full_alpha(self.moments, self._compute_value("alpha"), self.plane, orientation)
 
     def _get_reference(self, name: str) -> Reference:
         if self.reference is None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import jit
+from aras_visual_servo_base.compiled import jit, jit_inline
 
 MAX_CANDIDATES = 4  # largest number of edge candidates per sample point
 # largest number of pixels over which the grey level on one side of an edge is averaged
@@ -25,6 +25,27 @@ MAX_UNEVENNESS = 0.35
 UNKNOWN_LEVEL = -1.0  # placeholder for an unknown grey level
 LEARNING_RATE = 0.2  # weight of the newest image in the running mean of the stored grey levels
 NOISE_ROWS = 8  # number of image rows in which the noise is measured
+
+
+@jit_inline
+def _find_crossing(pixel, normal):
+    """Return where an edge through `pixel` (2,) with the normal (2,) crosses a row or column.
+
+    Returns:
+        0 for a row or 1 for a column; its index, the nearest to the pixel; and the position along
+        the middle line of this row or column at which the edge crosses it.
+    """
+    k = 0 if abs(normal[0]) >= abs(normal[1]) else 1
+    line = int(np.rint(pixel[1 - k]))
+    return k, line, pixel[k] - (line - pixel[1 - k]) * normal[1 - k] / normal[k]
+
+
+@jit_inline
+def _are_expected(with_normal, against, expected, tolerance):
+    """Return whether the grey levels on the two sides of an edge are the `expected` ones (2,)."""
+    if expected[0] >= 0.0 and abs(with_normal - expected[0]) > tolerance:
+        return False
+    return not (expected[1] >= 0.0 and abs(against - expected[1]) > tolerance)
 
 
 @jit("u1[:,:], f8[:,::1], f8[:,::1], f8[:,::1], f8, f8, f8")
@@ -44,31 +65,21 @@ def find_candidates(grey, pixel, normal, expected_levels, reach, min_change, tol
         (n, MAX_CANDIDATES) distances of the edges along the normal, px, the nearest edge first; NaN
         if there are fewer edges.
     """
-    rows, columns = grey.shape
     candidates = np.full((len(pixel), MAX_CANDIDATES), np.nan)
     change = np.empty(2 * int(reach * 1.5) + 9)
     for n in range(len(pixel)):
-        k = 0 if abs(normal[n, 0]) >= abs(normal[n, 1]) else 1
-        along = normal[n, k]
-        line = int(np.rint(pixel[n, 1 - k]))
-        # Position at which the expected edge crosses the middle line of the pixel row or column
-        # `line`.
-        edge_position = pixel[n, k] - (line - pixel[n, 1 - k]) * normal[n, 1 - k] / along
+        k, line, edge_position = _find_crossing(pixel[n], normal[n])
+        image, along = grey if k == 0 else grey.T, normal[n, k]
+        line_count, limit = image.shape
         middle = int(np.rint(edge_position))
         span = int(reach / abs(along)) + 1
-        limit = columns if k == 0 else rows
         low, high = max(middle - span, 2), min(middle + span, limit - 4)
-        other = rows if k == 0 else columns
-        if line < 0 or line >= other or high - low < 2:
+        if line < 0 or line >= line_count or high - low < 2:
             continue
         # `step` is the smoothed change of the grey level between the pixels i and i + 1.
         for i in range(low, high + 1):
-            if k == 0:
-                step = (np.float64(grey[line, i + 1]) + grey[line, i + 2]
-                        - grey[line, i] - grey[line, i - 1])  # fmt: skip
-            else:
-                step = (np.float64(grey[i + 1, line]) + grey[i + 2, line]
-                        - grey[i, line] - grey[i - 1, line])  # fmt: skip
+            step = (np.float64(image[line, i + 1]) + image[line, i + 2]
+                    - image[line, i] - image[line, i - 1])  # fmt: skip
             change[i - low] = 0.5 * step
         count = 0
         for i in range(low + 1, high):
@@ -76,19 +87,10 @@ def find_candidates(grey, pixel, normal, expected_levels, reach, min_change, tol
             before, behind = abs(change[i - low - 1]), abs(change[i - low + 1])
             if c < min_change or c < before or c <= behind:
                 continue
-            if k == 0:
-                left = 0.5 * (np.float64(grey[line, i - 2]) + grey[line, i - 1])
-                right = 0.5 * (np.float64(grey[line, i + 2]) + grey[line, i + 3])
-            else:
-                left = 0.5 * (np.float64(grey[i - 2, line]) + grey[i - 1, line])
-                right = 0.5 * (np.float64(grey[i + 2, line]) + grey[i + 3, line])
+            left = 0.5 * (np.float64(image[line, i - 2]) + image[line, i - 1])
+            right = 0.5 * (np.float64(image[line, i + 2]) + image[line, i + 3])
             with_normal, against = (right, left) if along > 0.0 else (left, right)
-            if (
-                expected_levels[n, 0] >= 0.0
-                and abs(with_normal - expected_levels[n, 0]) > tolerance
-            ) or (
-                expected_levels[n, 1] >= 0.0 and abs(against - expected_levels[n, 1]) > tolerance
-            ):
+            if not _are_expected(with_normal, against, expected_levels[n], tolerance):
                 continue
             bend = before - 2.0 * c + behind
             shift = 0.5 * (before - behind) / bend if bend < 0.0 else 0.0
@@ -122,16 +124,14 @@ def measure_edges(grey, pixel, normal, room, expected_levels, min_change, tolera
             3: variance of the distance due to noise, px^2.
         All four are NaN if no edge is measured.
     """
-    rows, columns = grey.shape
     found = np.full((len(pixel), 4), np.nan)
     values = np.empty(32)
     for n in range(len(pixel)):
-        k = 0 if abs(normal[n, 0]) >= abs(normal[n, 1]) else 1
+        k, line, expected_position = _find_crossing(pixel[n], normal[n])
+        image = grey if k == 0 else grey.T
         along, slope = normal[n, k], abs(normal[n, 1 - k] / normal[n, k])
-        line = int(np.rint(pixel[n, 1 - k]))
-        expected_position = pixel[n, k] - (line - pixel[n, 1 - k]) * normal[n, 1 - k] / along
-        limit, other = (columns, rows) if k == 0 else (rows, columns)
-        if line < 0 or line >= other:
+        line_count, limit = image.shape
+        if line < 0 or line >= line_count:
             continue
         place, good = expected_position, False
         contrast, level = 0.0, np.zeros(2)
@@ -142,20 +142,15 @@ def measure_edges(grey, pixel, normal, room, expected_levels, min_change, tolera
             # px. `slope` is the shift of the edge from one row or column to the next, px.
             half = 0.5 * (1.0 + slope) + SEARCH_SLACK
             first, last = int(np.ceil(place - half)), int(np.floor(place + half))
-            before = min(
-                MAX_LEVEL_PIXELS,
-                int(first - 1 - (expected_position - room[n, 0] + 0.5 + 0.5 * slope) + 1.0),
-            )
-            behind = min(
-                MAX_LEVEL_PIXELS,
-                int(expected_position + room[n, 1] - 0.5 - 0.5 * slope - (last + 1) + 1.0),
-            )
+            before = int(first - 1 - (expected_position - room[n, 0] + 0.5 + 0.5 * slope) + 1.0)
+            behind = int(expected_position + room[n, 1] - 0.5 - 0.5 * slope - (last + 1) + 1.0)
+            before, behind = min(before, MAX_LEVEL_PIXELS), min(behind, MAX_LEVEL_PIXELS)
             good = before >= 1 and behind >= 1 and first - before >= 0 and last + behind < limit
             if not good:
                 break
             low, high = first - before, last + behind
             for i in range(low, high + 1):
-                values[i - low] = grey[line, i] if k == 0 else grey[i, line]
+                values[i - low] = image[line, i]
             count = high - low + 1
             left = right = 0.0
             for i in range(before):
@@ -201,9 +196,7 @@ def measure_edges(grey, pixel, normal, room, expected_levels, min_change, tolera
         if not good:
             continue
         with_normal, against = (level[1], level[0]) if along > 0.0 else (level[0], level[1])
-        if (
-            expected_levels[n, 0] >= 0.0 and abs(with_normal - expected_levels[n, 0]) > tolerance
-        ) or (expected_levels[n, 1] >= 0.0 and abs(against - expected_levels[n, 1]) > tolerance):
+        if not _are_expected(with_normal, against, expected_levels[n], tolerance):
             continue
         found[n, 0] = (place - expected_position) * along
         found[n, 1], found[n, 2] = with_normal, against

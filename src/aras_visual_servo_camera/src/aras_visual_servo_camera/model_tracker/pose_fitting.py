@@ -29,6 +29,8 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import jit, jit_inline
 
+from .solid import transform_point
+
 MAX_ITERATIONS = 6  # largest number of Gauss-Newton steps
 CONVERGED_CHANGE = 0.01  # px; the iteration stops if a step moves the edges by less than this
 # After each step, the lower limit of the scale of Tukey's function is multiplied by this factor,
@@ -76,29 +78,11 @@ def build_edge_equations(
     rows, residuals = np.empty((count, 6)), np.full(count, np.nan)
     sizes, count_used = np.empty(count), 0
     for n in range(count):
-        x = (
-            T[0, 0] * solid_points[n, 0]
-            + T[0, 1] * solid_points[n, 1]
-            + T[0, 2] * solid_points[n, 2]
-            + T[0, 3]
-        )
-        y = (
-            T[1, 0] * solid_points[n, 0]
-            + T[1, 1] * solid_points[n, 1]
-            + T[1, 2] * solid_points[n, 2]
-            + T[1, 3]
-        )
-        z = (
-            T[2, 0] * solid_points[n, 0]
-            + T[2, 1] * solid_points[n, 1]
-            + T[2, 2] * solid_points[n, 2]
-            + T[2, 3]
-        )
+        x, y, z = transform_point(T, solid_points[n])
         if z <= 0.0:
             continue
-        projected_offset = gain[n, 0] * (x / z - image_points[n, 0]) + gain[n, 1] * (
-            y / z - image_points[n, 1]
-        )
+        dx, dy = x / z - image_points[n, 0], y / z - image_points[n, 1]
+        projected_offset = gain[n, 0] * dx + gain[n, 1] * dy
         smallest = np.nan
         for c in range(edge_offsets.shape[1]):
             residual = edge_offsets[n, c] - projected_offset
@@ -144,9 +128,8 @@ def _is_inside_triangle(x, y, z, a, b, c, n):
     for p, q in ((a, b), (b, c), (c, a)):
         ex, ey, ez = q[0] - p[0], q[1] - p[1], q[2] - p[2]
         fx, fy, fz = x - p[0], y - p[1], z - p[2]
-        side = (n[0] * (ey * fz - ez * fy) + n[1] * (ez * fx - ex * fz)
-                + n[2] * (ex * fy - ey * fx))  # fmt: skip
-        if side < 0.0:
+        cx, cy, cz = ey * fz - ez * fy, ez * fx - ex * fz, ex * fy - ey * fx
+        if n[0] * cx + n[1] * cy + n[2] * cz < 0.0:
             return False
     return True
 
@@ -276,10 +259,9 @@ def _update_pose(T, rotation, translation, middle):
 
 
 @jit("f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[:,::1], f8, f8, f8[::1], f8, "
-          "f8[:,::1], f8[:,::1], i8[:,::1], f8[:,::1], f8[:,::1]")  # fmt: skip
+     "f8[:,::1], f8[:,::1], i8[:,::1], f8[:,::1], f8[:,::1]")  # fmt: skip
 def fit_pose(solid_points, image_points, gain, edge_offsets, weight, T, first_scale, last_scale,
-    middle, radius, free_motions, vertices, faces,
-           normals, surface):  # fmt: skip
+             middle, radius, free_motions, vertices, faces, normals, surface):  # fmt: skip
     """Fit a pose to measured edges and to the points of a depth image.
 
     Args:
@@ -334,12 +316,8 @@ def fit_pose(solid_points, image_points, gain, edge_offsets, weight, T, first_sc
         for i in range(6):
             damped[i, i] += 1.0 / (MAX_FREE_STEP * radius) ** 2
         change = np.linalg.solve(damped, b)
-        rotation, new_origin, squared_translation, squared_rotation = (
-            np.empty(3),
-            np.empty(3),
-            0.0,
-            0.0,
-        )
+        rotation, new_origin = np.empty(3), np.empty(3)
+        squared_translation = squared_rotation = 0.0
         for k in range(3):
             total_rotation[k] += change[3 + k]
             rotation[k], new_origin[k] = change[3 + k] / radius, origin[k] + change[k]
@@ -388,19 +366,15 @@ def assess_pose(residuals, weight, A, free_motion_count, radius):
     values, vectors = np.linalg.eigh(A)
     covariance = np.zeros((6, 6))
     for k in range(6):
-        variance = (
-            min(excess / values[k], UNOBSERVABLE_VARIANCE)
-            if values[k] > 0.0
-            else UNOBSERVABLE_VARIANCE
-        )
+        variance = UNOBSERVABLE_VARIANCE
+        if values[k] > 0.0:
+            variance = min(excess / values[k], UNOBSERVABLE_VARIANCE)
         for i in range(6):
             for j in range(6):
                 covariance[i, j] += variance * vectors[i, k] * vectors[j, k]
     for i in range(6):
         for j in range(6):
             covariance[i, j] /= (radius if i > 2 else 1.0) * (radius if j > 2 else 1.0)
-    is_open = (
-        free_motion_count < 6
-        and not values[min(free_motion_count, 5)] > excess / (MAX_FREE_STEP * radius) ** 2
-    )
+    least = excess / (MAX_FREE_STEP * radius) ** 2
+    is_open = free_motion_count < 6 and not values[min(free_motion_count, 5)] > least
     return count, rms, excess, covariance, is_open

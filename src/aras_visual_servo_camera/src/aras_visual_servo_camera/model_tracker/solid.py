@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import jit
+from aras_visual_servo_base.compiled import jit, jit_inline
 from aras_visual_servo_base.meshes import files
 
 from ..errors import TrackingModelError
@@ -209,6 +209,17 @@ def _find_outermost(vertices, faces, normals, tolerance):
                 found[f] = False
                 break
     return found
+
+
+@jit_inline
+def transform_point(a_T_b, point):
+    """Return x, y and z in frame a of a point (3,) that is given in frame b."""
+    x, y, z = point
+    return (
+        a_T_b[0, 0] * x + a_T_b[0, 1] * y + a_T_b[0, 2] * z + a_T_b[0, 3],
+        a_T_b[1, 0] * x + a_T_b[1, 1] * y + a_T_b[1, 2] * z + a_T_b[1, 3],
+        a_T_b[2, 0] * x + a_T_b[2, 1] * y + a_T_b[2, 2] * z + a_T_b[2, 3],
+    )
 
 
 def read_triangles(meshes: Sequence) -> np.ndarray:

@@ -75,7 +75,6 @@ class TrackedPose:
             the edges do not determine the pose.
         inlier_share: fraction of the visible edge points whose measured edge agrees with the pose
             (inliers).
-        inlier_count: number of inliers.
         residual: rms distance of the inliers from the solid's edges, px.
         loss_reason: explanation if the solid is lost, otherwise empty.
     """
@@ -84,7 +83,6 @@ class TrackedPose:
     covariance: np.ndarray
     unrepeatable_part: float
     inlier_share: float
-    inlier_count: int
     residual: float
     loss_reason: str
 
@@ -165,12 +163,11 @@ class SolidTracking:
         self._motion = np.zeros(6) if self._is_new else logarithm(
             best.camera_T_solid @ inverse(last_pose)
         )
-        self._pose, self._is_new, self._inlier_share = (
-            best.camera_T_solid,
-            False,
-            best.inlier_share,
-        )
-        self._update_levels()
+        self._pose, self._is_new = best.camera_T_solid, False
+        self._inlier_share = best.inlier_share
+        samples, values, residuals = self._best_samples
+        update_levels(self._levels, samples.edges, samples.are_faces_visible, values, residuals,
+                      INLIER_DISTANCE)  # fmt: skip
         return best
 
     def _find_pose(
@@ -181,9 +178,11 @@ class SolidTracking:
         tolerance = LEVEL_TOLERANCE + MIN_NOISE_RATIO * noise
         for iteration in range(MAX_SEARCHES if search_range > 0.0 else 0):
             samples = self._sample_edges(camera, pose, SEARCH_SPACING)
-            edge_offsets = find_candidates(grey, samples.pixels, samples.normals,
-                self._predict_levels(samples),
-                              search_range / (1.0 + iteration), min_change, tolerance)  # fmt: skip
+            levels = predict_levels(samples.edges, samples.are_faces_visible, self._levels)
+            reach = search_range / (1.0 + iteration)
+            edge_offsets = find_candidates(
+                grey, samples.pixels, samples.normals, levels, reach, min_change, tolerance
+            )
             pose, change, _, _ = self._fit_pose(
                 samples, edge_offsets, np.ones(len(edge_offsets)), pose, SEARCH_SCALES
             )
@@ -191,8 +190,9 @@ class SolidTracking:
                 break
         for _ in range(MAX_MEASUREMENTS):
             samples = self._sample_edges(camera, pose, MEASUREMENT_SPACING)
-            values = measure_edges(grey, samples.pixels, samples.normals, samples.room,
-                self._predict_levels(samples), min_change, tolerance, noise)  # fmt: skip
+            levels = predict_levels(samples.edges, samples.are_faces_visible, self._levels)
+            values = measure_edges(grey, samples.pixels, samples.normals, samples.room, levels,
+                                   min_change, tolerance, noise)  # fmt: skip
             # the weight is NaN where no edge is measured
             weight = 1.0 / (EDGE_ACCURACY**2 + values[:, 3])
             pose, change, residuals, A = self._fit_pose(
@@ -210,10 +210,6 @@ class SolidTracking:
             points = sample_visible_edges(self.solid, camera, pose, nearer)
         return points
 
-    def _predict_levels(self, samples: EdgePoints) -> np.ndarray:
-        """Return the stored grey levels (n, 2) on both sides of the edges at the sample points."""
-        return predict_levels(samples.edges, samples.are_faces_visible, self._levels)
-
     def _fit_pose(
         self, samples: EdgePoints, edge_offsets: np.ndarray, weight: np.ndarray, pose: np.ndarray,
         scales: tuple[float, float],
@@ -222,9 +218,8 @@ class SolidTracking:
         solid = self.solid
         return fit_pose(
             samples.solid_points, samples.image_points, samples.gains, edge_offsets, weight,
-            np.ascontiguousarray(pose),
-            *scales, self._middle, self._radius, self._free_motions, solid.vertices, solid.faces,
-            solid.normals, self._surface_points)  # fmt: skip
+            np.ascontiguousarray(pose), *scales, self._middle, self._radius, self._free_motions,
+            solid.vertices, solid.faces, solid.normals, self._surface_points)  # fmt: skip
 
     def _sample_depth(
         self, depth: np.ndarray, camera: CameraModel, pose: np.ndarray
@@ -261,18 +256,4 @@ class SolidTracking:
                 "edges are found near the expected pose; move more slowly, remove occlusions, or "
                 "correct the start pose or the mesh"
             )
-        return TrackedPose(
-            pose, covariance, unrepeatable_part, inlier_share, count, rms, loss_reason
-        )
-
-    def _update_levels(self) -> None:
-        """Update the stored grey levels next to the measured edges."""
-        samples, values, residuals = self._best_samples
-        update_levels(
-            self._levels,
-            samples.edges,
-            samples.are_faces_visible,
-            values,
-            residuals,
-            INLIER_DISTANCE,
-        )
+        return TrackedPose(pose, covariance, unrepeatable_part, inlier_share, rms, loss_reason)

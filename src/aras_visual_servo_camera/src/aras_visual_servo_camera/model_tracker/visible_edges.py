@@ -9,7 +9,7 @@ import numpy as np
 from aras_visual_servo_base.compiled import jit
 
 from ..camera_model import CameraModel
-from .solid import Solid
+from .solid import Solid, transform_point
 
 MIN_DEPTH = 0.01  # m, depth along the optical axis; nearer edges are ignored
 MAX_POINTS = 1200  # largest number of sample points on edges per image
@@ -71,9 +71,8 @@ def sample_visible_edges(
         return points
     focal = np.array([hole.fx, hole.fy])
     pixel, normal, gain = _distort_samples(camera, points.image_points, points.normals, focal)
-    inside = ((pixel > BORDER) & (pixel < (camera.width - BORDER, camera.height - BORDER))).all(
-        axis=1
-    )
+    last = camera.width - BORDER, camera.height - BORDER
+    inside = ((pixel > BORDER) & (pixel < last)).all(axis=1)
     bent = points._replace(pixels=pixel, normals=normal, gains=gain)
     return EdgePoints(*(np.ascontiguousarray(a[inside]) for a in bent))
 
@@ -158,10 +157,8 @@ def _sort_into_bands(projected, edges, visible_edges, axis, size):
     first = np.zeros(count + 1, np.int64)
     reach = np.empty((len(visible_edges), 2), np.int64)
     for s in range(len(visible_edges)):
-        a, b = (
-            projected[edges[visible_edges[s], 0], axis],
-            projected[edges[visible_edges[s], 1], axis],
-        )
+        i, j = edges[visible_edges[s]]
+        a, b = projected[i, axis], projected[j, axis]
         reach[s, 0] = max(int(min(a, b) / BAND), 0)
         reach[s, 1] = min(int(max(a, b) / BAND), count - 1)
         for i in range(reach[s, 0], reach[s, 1] + 1):
@@ -213,10 +210,9 @@ def _measure_room(u, v, across, edge, projected, edges, nearby_edges):
 
 
 @jit("f8[:,::1], i8[:,::1], f8[:,::1], i8[:,::1], i8[:,::1], b1[::1], b1[::1], f8[:,::1], "
-          "f8[::1], i8, i8, f8")  # fmt: skip
+     "f8[::1], i8, i8, f8")  # fmt: skip
 def _sample_edges(vertices, faces, normals, edges, edge_faces, is_crease, is_outermost, T, lens,
-    width, height,
-             spacing):  # fmt: skip
+                  width, height, spacing):  # fmt: skip
     """Sample the visible edges of a solid in an image without lens distortion.
 
     Args:
@@ -233,13 +229,10 @@ def _sample_edges(vertices, faces, normals, edges, edge_faces, is_crease, is_out
     # u, v (px) and 1/Z of each vertex; 1/Z is set to 0 for a vertex that is too near
     projected = np.zeros((len(vertices), 3))
     for i in range(len(vertices)):
-        x, y, z = vertices[i]
-        depth = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+        x, y, depth = transform_point(T, vertices[i])
         if depth > MIN_DEPTH:
+            projected[i, 0], projected[i, 1] = fx * (x / depth) + cx, fy * (y / depth) + cy
             projected[i, 2] = 1.0 / depth
-            u = (T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]) / depth
-            v = (T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]) / depth
-            projected[i, 0], projected[i, 1] = fx * u + cx, fy * v + cy
     front, grazing = np.zeros(len(faces), np.bool_), np.zeros(len(faces), np.bool_)
     # faces on the camera's side, which can hide a point
     front_faces = np.empty(len(faces), np.int64)
@@ -261,25 +254,17 @@ def _sample_edges(vertices, faces, normals, edges, edge_faces, is_crease, is_out
     visible_edges = np.empty(len(edges), np.int64)
     count = 0
     for e in range(len(edges)):
-        a, b = front[edge_faces[e, 0]], front[edge_faces[e, 1]]
-        if is_crease[e] and (grazing[edge_faces[e, 0]] or grazing[edge_faces[e, 1]]):
+        f, g = edge_faces[e]
+        if is_crease[e] and (grazing[f] or grazing[g]):
             continue
-        if (a != b or (is_crease[e] and a)) and projected[edges[e, 0], 2] > 0.0 < projected[
-            edges[e, 1], 2
-        ]:
+        are_ends_in_front = projected[edges[e, 0], 2] > 0.0 < projected[edges[e, 1], 2]
+        if are_ends_in_front and (front[f] != front[g] or (is_crease[e] and front[f])):
             visible_edges[count] = e
             count += 1
     visible_edges = visible_edges[:count]
-    solid_points, image_points, pixel = (
-        np.empty((MAX_POINTS, 3)),
-        np.empty((MAX_POINTS, 2)),
-        np.empty((MAX_POINTS, 2)),
-    )
-    normal, gain, room = (
-        np.empty((MAX_POINTS, 2)),
-        np.empty((MAX_POINTS, 2)),
-        np.empty((MAX_POINTS, 2)),
-    )
+    solid_points, image_points = np.empty((MAX_POINTS, 3)), np.empty((MAX_POINTS, 2))
+    pixel, normal = np.empty((MAX_POINTS, 2)), np.empty((MAX_POINTS, 2))
+    gain, room = np.empty((MAX_POINTS, 2)), np.empty((MAX_POINTS, 2))
     edge, facing = np.empty(MAX_POINTS, np.int64), np.empty((MAX_POINTS, 2), np.bool_)
     row_first, row_members = _sort_into_bands(projected, edges, visible_edges, 1, height)
     column_first, column_members = _sort_into_bands(projected, edges, visible_edges, 0, width)
@@ -303,9 +288,8 @@ def _sample_edges(vertices, faces, normals, edges, edge_faces, is_crease, is_out
             a, b = edge_faces[e]
             # An edge of a visible outermost face is never hidden, because no part of the solid is
             # in front of the plane of this face.
-            if not (
-                (front[a] and is_outermost[a]) or (front[b] and is_outermost[b])
-            ) and _is_hidden(u, v, w, projected, faces, front_faces, a, b):
+            is_never_hidden = (front[a] and is_outermost[a]) or (front[b] and is_outermost[b])
+            if not is_never_hidden and _is_hidden(u, v, w, projected, faces, front_faces, a, b):
                 continue
             # s is the fraction of the edge's length in the image, `part` the fraction of its length
             # in space.
@@ -327,6 +311,5 @@ def _sample_edges(vertices, faces, normals, edges, edge_faces, is_crease, is_out
             edge[found], facing[found, 0], facing[found, 1] = e, front[a], front[b]
             found += 1
         next_distance = 0.5 * spacing if length > SHORT_EDGE else next_distance - length
-    return (solid_points[:found].copy(), image_points[:found].copy(), pixel[:found].copy(),
-            normal[:found].copy(), gain[:found].copy(), room[:found].copy(), edge[:found].copy(),
-            facing[:found].copy())  # fmt: skip
+    return (solid_points[:found], image_points[:found], pixel[:found], normal[:found],
+            gain[:found], room[:found], edge[:found], facing[:found])  # fmt: skip

@@ -1,7 +1,7 @@
-"""Sums of moments over images and samples, as compiled loops.
+"""Sums of moments over images, samples and polygons, as compiled loops.
 
-A table (7, 7) contains the moment m_ij at [i, j], and zeros for i + j > MAX_ORDER. The functions
-write their result to an array that is one of their arguments.
+A table (7, 7) contains the moment m_ij at [i, j], and zeros for i + j > MAX_ORDER. Sums over pixels
+and samples are written to an array that is one of the arguments.
 """
 
 from __future__ import annotations
@@ -11,12 +11,18 @@ import numpy as np
 from aras_visual_servo_base.compiled import jit
 
 from .edge_pixels import find_edge_moment
+from .polygons import find_crossing_edges
 
 MAX_ORDER = 6
 SIZE = MAX_ORDER + 1
 # Number of samples whose powers x^i and y^j are computed together; it must be a power of two. The
 # powers of 256 samples take 28 KiB, which fit into the fastest cache of a processor.
 BLOCK = 256
+# Nodes and weights of Gauss-Legendre quadrature on [0, 1]: four nodes integrate polynomials up to
+# degree 7 exactly.
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(MAX_ORDER // 2 + 1)
+NODES = 0.5 * (NODES + 1.0)
+WEIGHTS = 0.5 * WEIGHTS
 
 
 @jit("f8[:,::1], f8[:,:], f8[:,:], f8[:,:], f8[:,:], b1, f8[:,::1]")
@@ -118,6 +124,40 @@ def sum_samples(x, y, weight, table):
                     half //= 2
                 table[i, j] += products[0]
     return total, x0, y0
+
+
+@jit("f8[:,:], f8, f8, i8")
+def integrate_polygon(vertices, x0, y0, order):
+    """Integrate x^i y^j over a polygon (n, 2), relative to the point (x0, y0).
+
+    Returns:
+        The moments (order+1, order+1) with a positive area; whether the area is zero; the indices
+        of the first two edges that cross, or -1 twice.
+    """
+    table, count = np.zeros((order + 1, order + 1)), len(vertices)
+    first, second = find_crossing_edges(vertices)
+    if first >= 0:
+        return table, False, first, second
+    extent, power_x, power_y = 0.0, np.empty(order + 1), np.empty(order + 1)
+    for k in range(count):
+        after = k + 1 if k < count - 1 else 0
+        px, py = vertices[k, 0] - x0, vertices[k, 1] - y0
+        qx, qy = vertices[after, 0] - x0, vertices[after, 1] - y0
+        extent = max(extent, abs(px), abs(py))
+        doubled = px * qy - py * qx
+        for n in range(len(NODES)):
+            power_x[0], power_y[0] = doubled * WEIGHTS[n], 1.0
+            x, y = px + NODES[n] * (qx - px), py + NODES[n] * (qy - py)
+            for i in range(order):
+                power_x[i + 1], power_y[i + 1] = power_x[i] * x, power_y[i] * y
+            for i in range(order + 1):
+                for j in range(order + 1 - i):
+                    table[i, j] += power_x[i] * power_y[j]
+    sign = 1.0 if table[0, 0] > 0.0 else -1.0
+    for i in range(order + 1):
+        for j in range(order + 1 - i):
+            table[i, j] *= sign / (i + j + 2.0)
+    return table, table[0, 0] <= 1e-14 * extent**2, -1, -1
 
 
 @jit("f8[:,:], f8, f8")

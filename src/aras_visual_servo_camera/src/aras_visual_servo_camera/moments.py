@@ -24,27 +24,20 @@ from math import isfinite
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aras_visual_servo_base.compiled import jit
-
 from .errors import MomentsError
 from .moment_sums import (
     MAX_ORDER,
     SIZE,
     centre_moments,
+    integrate_polygon,
     sum_image,
     sum_samples,
     translate,
 )
-from .polygons import Array, find_crossing_edges
+from .polygons import Array
 
 DENSE = "dense"
 POINTS = "points"
-
-# Nodes and weights of Gauss-Legendre quadrature on [0, 1]: four nodes integrate polynomials up to
-# degree 7 exactly.
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(MAX_ORDER // 2 + 1)
-_NODES = 0.5 * (_NODES + 1.0)
-_WEIGHTS = 0.5 * _WEIGHTS
 
 
 @cache
@@ -73,8 +66,7 @@ class Pinhole:
 
     @classmethod
     def from_K(cls, K: ArrayLike) -> Pinhole:
-        """Return the intrinsics of a camera matrix K, a (3, 3) array or CameraInfo.K (9 numbers).
-        """
+        """Return the intrinsics of a camera matrix K, (3, 3), or CameraInfo.K (9 numbers)."""
         k = np.asarray(K, dtype=float).reshape(3, 3)
         return cls(float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2]))
 
@@ -107,7 +99,7 @@ class Moments:
     def raw(self) -> Array:
         """Raw moments (order+1, order+1), m_ij at [i, j], zero for i + j > order; read-only."""
         table = translate(self.centred, self.xg, self.yg)
-        return _freeze(_select_triangle(table, self.order))
+        return _freeze(table * _make_triangle_mask(self.order))
 
     @cached_property
     def second(self) -> tuple[float, float, float]:
@@ -187,10 +179,7 @@ class Moments:
 
     @classmethod
     def from_polygon(
-        cls,
-        vertices: ArrayLike,
-        order: int = MAX_ORDER,
-        holes: Sequence[ArrayLike] = (),
+        cls, vertices: ArrayLike, order: int = MAX_ORDER, holes: Sequence[ArrayLike] = ()
     ) -> Moments:
         """Compute the exact moments of a simple polygon.
 
@@ -215,9 +204,8 @@ class Moments:
         table = _compute_polygon_moments(outline, x0, y0, order, "polygon")
         for number, hole in enumerate(holes):
             label = f"hole {number}"
-            table = table - _compute_polygon_moments(
-                _check_vertices(hole, label), x0, y0, order, label
-            )
+            outline = _check_vertices(hole, label)
+            table = table - _compute_polygon_moments(outline, x0, y0, order, label)
         return cls._from_table(table, x0, y0, order, DENSE)
 
     @classmethod
@@ -228,14 +216,9 @@ class Moments:
 
     @classmethod
     def from_samples(
-        cls,
-        x: Array,
-        y: Array,
-        weight: Array,
-        order: int = MAX_ORDER,
-        kind: str = DENSE,
+        cls, x: Array, y: Array, weight: Array, order: int = MAX_ORDER, kind: str = DENSE,
         extent: tuple[float, float, float] | None = None,
-    ) -> Moments:
+    ) -> Moments:  # fmt: skip
         """Compute moments as the sums of weight x^i y^j over n samples, such as pixels.
 
         Args:
@@ -271,14 +254,9 @@ class Moments:
 
     @classmethod
     def from_image(
-        cls,
-        weights: NDArray,
-        camera: Pinhole,
-        order: int = MAX_ORDER,
-        full_scale: float = 1.0,
-        offset: tuple[int, int] = (0, 0),
-        coverage: bool = False,
-    ) -> Moments:
+        cls, weights: NDArray, camera: Pinhole, order: int = MAX_ORDER, full_scale: float = 1.0,
+        offset: tuple[int, int] = (0, 0), coverage: bool = False,
+    ) -> Moments:  # fmt: skip
         """Compute the moments of an image of weights from a camera without distortion.
 
         Args:
@@ -337,10 +315,6 @@ def _freeze(array: Array) -> Array:
 def _make_triangle_mask(order: int) -> Array:
     i = np.arange(order + 1)
     return (i[:, None] + i[None, :] <= order).astype(float)
-
-
-def _select_triangle(table: Array, order: int) -> Array:
-    return table * _make_triangle_mask(order)
 
 
 def _apply_extent(table: Array, extent: tuple[float, float, float]) -> Array:
@@ -413,7 +387,7 @@ def _compute_polygon_moments(
     The sign of the moments is such that the area is positive. `label` names the polygon in
     messages.
     """
-    table, is_empty, first, second = _integrate_polygon(vertices, x0, y0, order)
+    table, is_empty, first, second = integrate_polygon(vertices, x0, y0, order)
     if first >= 0:
         raise MomentsError(
             f"edges {first} and {second} of the {label} cross: sort its vertices so that the "
@@ -424,37 +398,3 @@ def _compute_polygon_moments(
             f"the {label} has no area: its vertices lie on one line; add a vertex off this line"
         )
     return table
-
-
-@jit("f8[:,:], f8, f8, i8")
-def _integrate_polygon(vertices, x0, y0, order):
-    """Integrate x^i y^j over a polygon (n, 2), relative to the point (x0, y0).
-
-    Returns:
-        The moments (order+1, order+1) with a positive area; whether the area is zero; the indices
-        of the first two edges that cross, or -1 twice.
-    """
-    table, count = np.zeros((order + 1, order + 1)), len(vertices)
-    first, second = find_crossing_edges(vertices)
-    if first >= 0:
-        return table, False, first, second
-    extent, power_x, power_y = 0.0, np.empty(order + 1), np.empty(order + 1)
-    for k in range(count):
-        after = k + 1 if k < count - 1 else 0
-        px, py = vertices[k, 0] - x0, vertices[k, 1] - y0
-        qx, qy = vertices[after, 0] - x0, vertices[after, 1] - y0
-        extent = max(extent, abs(px), abs(py))
-        doubled = px * qy - py * qx
-        for n in range(len(_NODES)):
-            power_x[0], power_y[0] = doubled * _WEIGHTS[n], 1.0
-            x, y = px + _NODES[n] * (qx - px), py + _NODES[n] * (qy - py)
-            for i in range(order):
-                power_x[i + 1], power_y[i + 1] = power_x[i] * x, power_y[i] * y
-            for i in range(order + 1):
-                for j in range(order + 1 - i):
-                    table[i, j] += power_x[i] * power_y[j]
-    sign = 1.0 if table[0, 0] > 0.0 else -1.0
-    for i in range(order + 1):
-        for j in range(order + 1 - i):
-            table[i, j] *= sign / (i + j + 2.0)
-    return table, table[0, 0] <= 1e-14 * extent**2, -1, -1

@@ -9,6 +9,7 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import jit
 
+from .edge_pixels import compute_gradient
 from .intersection_accuracy import PARALLEL
 
 MAX_CORNERS = 32
@@ -43,18 +44,8 @@ def locate_edge(weights, edge, found):
     count = 0
     for n in range(len(edge)):
         u, v = edge[n, 0], edge[n, 1]
-        left, right = max(u - 1, 0), min(u + 1, columns - 1)
-        up, down = max(v - 1, 0), min(v + 1, rows - 1)
-        # The factor 1 / 8 scales the result of a Sobel kernel to the slope, 1/px, of the coverage
-        # (fraction of a pixel that the target covers).
-        gx = (
-            weights[up, right] + 2.0 * weights[v, right] + weights[down, right]
-            - weights[up, left] - 2.0 * weights[v, left] - weights[down, left]
-        ) / 8.0  # fmt: skip
-        gy = (
-            weights[down, left] + 2.0 * weights[down, u] + weights[down, right]
-            - weights[up, left] - 2.0 * weights[up, u] - weights[up, right]
-        ) / 8.0  # fmt: skip
+        gx, gy = compute_gradient(weights, v, u)
+        gx, gy = gx / 8.0, gy / 8.0  # slope of the coverage along u and v, 1/px
         slope = np.sqrt(gx * gx + gy * gy)
         if not slope > MIN_SLOPE:
             continue

@@ -18,7 +18,7 @@ from .compiled_contour import MAX_CORNERS, centre_polygon, fit_sides, locate_edg
 from .errors import SegmentationError
 from .intersection_accuracy import propagate_line_errors
 from .pixel_coverage import compute_coverage
-from .polygons import Array, signed_area
+from .polygons import Array, resample, signed_area
 from .segmented_target import SegmentedTarget
 
 # A side is split in two if it deviates from a straight line by more than both limits: MAX_BEND
@@ -55,7 +55,7 @@ def extract_outline(grey: NDArray[np.uint8], target: SegmentedTarget, camera: Ca
         SegmentationError: the target has no outline or no contrast, or a part of the outline is
             outside the range of the lens model.
     """
-    weights, (left, top), _, _ = compute_coverage(grey, target)
+    weights, (left, top) = compute_coverage(grey, target)
     rows, columns = weights.shape
     mask = np.ascontiguousarray(target.mask[top : top + rows, left : left + columns])
     found, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
@@ -141,18 +141,17 @@ def match_corners(outline: Array, model: Array) -> Array:
     """
     points, middle, _, _ = _centre_polygon(outline)
     model_points, _, _, _ = _centre_polygon(model)
-    outline_samples, model_samples = _resample(points), _resample(model_points)
+    outline_samples, model_samples = (
+        resample(polygon, OUTLINE_SAMPLES) @ (1.0, 1.0j) for polygon in (points, model_points)
+    )
     origin = model_samples.mean()
     model_samples = model_samples - origin
     # Circular correlation of the outline with the model's outline, by the correlation theorem.
     # Entry k is for a shift of the start point by k samples.
     correlation = np.fft.ifft(np.fft.fft(outline_samples) * np.conj(np.fft.fft(model_samples)))
-    similarity = (
-        correlation[int(np.abs(correlation).argmax())] / np.vdot(model_samples, model_samples).real
-    )
-    aligned = (
-        model_points[:, 0] + 1j * model_points[:, 1] - origin
-    ) * similarity + outline_samples.mean()
+    best = correlation[int(np.abs(correlation).argmax())]
+    similarity = best / np.vdot(model_samples, model_samples).real
+    aligned = (model_points @ (1.0, 1.0j) - origin) * similarity + outline_samples.mean()
     corners, _ = _fit_sides(points, np.stack([aligned.real, aligned.imag], axis=1))
     if len(corners) != len(model_points):
         raise SegmentationError(
@@ -182,20 +181,6 @@ def _centre_polygon(polygon: Array) -> tuple[Array, tuple[float, float], float, 
     points = np.empty(polygon.shape)
     x, y, side, length = centre_polygon(polygon, points)
     return points, (x, y), side, length
-
-
-def _resample(polygon: Array) -> Array:
-    """Sample a closed polygon (n, 2) at OUTLINE_SAMPLES points with equal distances.
-
-    Returns:
-        (OUTLINE_SAMPLES,) complex numbers x + i y.
-    """
-    closed = np.vstack([polygon, polygon[:1]])
-    arc_length = np.concatenate([[0.0], np.linalg.norm(np.diff(closed, axis=0), axis=1).cumsum()])
-    positions = arc_length[-1] * np.arange(OUTLINE_SAMPLES) / OUTLINE_SAMPLES
-    return np.interp(positions, arc_length, closed[:, 0]) + 1j * np.interp(
-        positions, arc_length, closed[:, 1]
-    )
 
 
 def _fit_sides(points: Array, corners: Array) -> tuple[Array, Array]:

@@ -126,7 +126,8 @@ class DetectionPipeline:
         if reason:
             self._previous_centre = None if target.pixel_count == 0 else self._previous_centre
             return TargetDetection(False, reason, target, None, camera)
-        self._previous_centre = _compute_box_centre(target)
+        column, row, width, height = target.box
+        self._previous_centre = column + 0.5 * (width - 1), row + 0.5 * (height - 1)
         try:
             moments = self._compute_moments(image.grey, target, camera)
         except VisionError as error:
@@ -188,11 +189,14 @@ class DetectionPipeline:
         self, grey: NDArray[np.uint8], target: SegmentedTarget, camera: CameraModel
     ) -> Moments:
         settings = self.settings
-        weights, offset, full_scale = _crop_mask(target)
+        column, row, width, height = target.box
         is_coverage = settings.weighting == "coverage"
         if is_coverage:
-            weights, offset, _, _ = compute_coverage(grey, target, settings.edge_band)
+            weights, offset = compute_coverage(grey, target, settings.edge_band)
             full_scale = 1.0
+        else:
+            weights = target.mask[row : row + height, column : column + width]
+            offset, full_scale = (column, row), 255.0
         if not camera.is_distorted:
             return Moments.from_image(
                 weights, camera.pinhole, settings.order, full_scale, offset, is_coverage
@@ -208,7 +212,6 @@ class DetectionPipeline:
             if count < 0:
                 raise SegmentationError(beyond)
             x, y, weight = parts[:, :count]
-            column, row, width, height = target.box
             extent = tables.compute_pixel_variance(column + width // 2, row + height // 2)
             return Moments.from_samples(x, y, weight, settings.order, extent=extent)
         rows, columns = weights.shape
@@ -217,16 +220,6 @@ class DetectionPipeline:
             raise SegmentationError(beyond)
         x, y, area = (table[crop].ravel() for table in tables)
         return Moments.from_samples(x, y, weights.ravel() * area / full_scale, settings.order)
-
-
-def _crop_mask(target: SegmentedTarget) -> tuple[NDArray[np.uint8], tuple[int, int], float]:
-    column, row, width, height = target.box
-    return target.mask[row : row + height, column : column + width], (column, row), 255.0
-
-
-def _compute_box_centre(target: SegmentedTarget) -> tuple[float, float]:
-    column, row, width, height = target.box
-    return column + 0.5 * (width - 1), row + 0.5 * (height - 1)
 
 
 def _explain_invalid(target: SegmentedTarget, moments: Moments) -> str:

@@ -19,18 +19,12 @@ from aras_visual_servo_base.compiled import jit, jit_inline
 
 
 @jit_inline
-def find_edge_moment(weights, row, column):
-    """Compute w times the vector from a pixel's middle to the middle of its covered part, px.
+def compute_gradient(weights, row, column):
+    """Compute eight times the change of the weights per pixel along u and v with a Sobel kernel.
 
-    Args:
-        weights: (rows, columns) covered fraction w of each pixel.
-        row, column: the pixel, whose weight is neither 0 nor 1.
-
-    Returns:
-        The components along u (columns) and along v (rows).
+    Beyond the border of the image, the weights of the border continue.
     """
     rows, columns = weights.shape
-    weight = weights[row, column]
     up, down = max(row - 1, 0), min(row + 1, rows - 1)
     left, right = max(column - 1, 0), min(column + 1, columns - 1)
     across = (
@@ -41,6 +35,22 @@ def find_edge_moment(weights, row, column):
         weights[down, left] + 2.0 * weights[down, column] + weights[down, right]
         - weights[up, left] - 2.0 * weights[up, column] - weights[up, right]
     )  # fmt: skip
+    return across, along
+
+
+@jit_inline
+def find_edge_moment(weights, row, column):
+    """Compute w times the vector from a pixel's middle to the middle of its covered part, px.
+
+    Args:
+        weights: (rows, columns) covered fraction w of each pixel.
+        row, column: the pixel, whose weight is neither 0 nor 1.
+
+    Returns:
+        The components along u (columns) and along v (rows).
+    """
+    weight = weights[row, column]
+    across, along = compute_gradient(weights, row, column)
     slope = np.sqrt(across * across + along * along)
     if slope > 0.0:
         part = 0.5 * weight * (1.0 - weight) / slope

@@ -23,7 +23,7 @@ MIN_CONTRAST = 8.0
 
 def compute_coverage(
     grey: Mask, target: SegmentedTarget, band: int = 2
-) -> tuple[NDArray[np.float64], tuple[int, int], float, float]:
+) -> tuple[NDArray[np.float64], tuple[int, int]]:
     """Compute the weight of each pixel, which is the fraction that the target covers.
 
     A pixel that is more than `band` pixels from the target's edge has the weight one inside the
@@ -40,9 +40,8 @@ def compute_coverage(
     The result is stored in the target, because its moments and its outline need the same weights.
 
     Returns:
-        The weights (rows, columns) of a crop of the image around the target; (column, row) of the
-        crop's first pixel; bg; fg. If `target.is_uneven`, the returned bg and fg are the means over
-        the crop.
+        The weights (rows, columns) of a crop of the image around the target; and (column, row) of
+        the crop's first pixel.
 
     Raises:
         SegmentationError: bg and fg differ by less than one grey level.
@@ -55,7 +54,7 @@ def compute_coverage(
 
 def _compute_coverage(
     grey: Mask, target: SegmentedTarget, band: int
-) -> tuple[NDArray[np.float64], tuple[int, int], float, float]:
+) -> tuple[NDArray[np.float64], tuple[int, int]]:
     margin = 2 * band + 1
     column, row, width, height = target.box
     left, top = max(column - margin, 0), max(row - margin, 0)
@@ -64,7 +63,7 @@ def _compute_coverage(
     inside = target.mask[top:bottom, left:right] & 1
     image = grey[top:bottom, left:right]
     if target.is_uneven:
-        return _compute_local_coverage(image, inside, (left, top))
+        return _compute_local_coverage(image, inside), (left, top)
     element = _make_square(band)
     around = cv2.dilate(inside, element)
     core = cv2.erode(inside, element, borderType=cv2.BORDER_REPLICATE)
@@ -74,22 +73,15 @@ def _compute_coverage(
             f"the target has no contrast to its surroundings: both have the grey level {bg:.0f}; "
             "use another background, or change the exposure"
         )
-    return _compute_weights(image, around, core, bg, fg), (left, top), bg, fg
+    return _compute_weights(image, around, core, bg, fg), (left, top)
 
 
-def _compute_local_coverage(
-    image: Mask, inside: Mask, corner: tuple[int, int]
-) -> tuple[NDArray[np.float64], tuple[int, int], float, float]:
-    """Compute the result of `compute_coverage` for grey levels that vary over the image.
+def _compute_local_coverage(image: Mask, inside: Mask) -> NDArray[np.float64]:
+    """Compute the weights (rows, columns) of a crop for grey levels that vary over the image.
 
     Args:
         image: (rows, columns) grey levels of the crop.
         inside: (rows, columns) 1 on the target, 0 elsewhere.
-        corner: (column, row) of the crop's first pixel.
-
-    Returns:
-        The weights (rows, columns) of the crop; `corner`; the mean grey levels of the background
-        and of the target in the crop.
     """
     around = cv2.dilate(inside, _make_square(1))
     core = cv2.erode(inside, _make_square(1), borderType=cv2.BORDER_REPLICATE)
@@ -105,8 +97,7 @@ def _compute_local_coverage(
     weights = inside.astype(float)
     edge = (around > core) & (np.abs(bg - fg) > MIN_CONTRAST)
     weights[edge] = np.clip((bg[edge] - image[edge]) / (bg[edge] - fg[edge]), 0.0, 1.0)
-    means = (cv2.mean(image, region)[0] for region in (1 - inside, inside))
-    return weights, corner, *means
+    return weights
 
 
 @cache

@@ -36,6 +36,23 @@ def signed_area(polygon: Array) -> float:
     return 0.5 * float(np.dot(x, next_vertices(y)) - np.dot(y, next_vertices(x)))
 
 
+def resample(polygon: Array, count: int) -> Array:
+    """Sample a closed polygon at `count` points with equal distances along it.
+
+    Args:
+        polygon: (n, k) x, y and further coordinates of the vertices. The distances are those in the
+            x, y plane; the other coordinates are interpolated, too.
+
+    Returns:
+        (count, k) samples; the first one is the first vertex.
+    """
+    closed = np.vstack([polygon, polygon[:1]])
+    steps = np.linalg.norm(np.diff(closed[:, :2], axis=0), axis=1)
+    arc_length = np.concatenate([[0.0], steps.cumsum()])
+    positions = arc_length[-1] * np.arange(count) / count
+    return np.column_stack([np.interp(positions, arc_length, column) for column in closed.T])
+
+
 def find_crossing(vertices: Array) -> tuple[int, int] | None:
     """Return the indices of the first two edges of a closed polygon (n, 2) that cross.
 

@@ -19,6 +19,7 @@ from .segmentation_settings import BY_COLOUR, SegmentationSettings
 
 Mask = NDArray[np.uint8]
 Box = tuple[int, int, int, int]
+NO_BOX: Box = (0, 0, 0, 0)
 
 # segmentation methods whose target can have several grey levels
 UNEVEN_METHODS = (*BY_COLOUR, "label")
@@ -104,26 +105,21 @@ def threshold_image(
                 "segmentation 'label' needs the simulator's label image; set `segmentation: true` "
                 "in the settings of the simulated camera"
             )
-        return (
-            target_mask,
-            -1.0,
-            "" if target_mask.any() else f"the link '{settings.label}' (setting `label`) is not in "
-                                         "view",
-        )
+        hidden = f"the link '{settings.label}' (setting `label`) is not in view"
+        return target_mask, -1.0, "" if target_mask.any() else hidden
     kind = cv2.THRESH_BINARY_INV if settings.dark_target else cv2.THRESH_BINARY
     if settings.method == "fixed":
         return cv2.threshold(grey, settings.threshold, 255, kind)[1], settings.threshold, ""
     if settings.method == "otsu":
         level, mask = cv2.threshold(grey, 0, 255, kind | cv2.THRESH_OTSU)
         contrast = _compute_contrast(grey, mask, settings.dark_target)
-        if contrast < settings.min_contrast:
-            return (
-                np.zeros_like(mask),
-                level,
-                f"no target: dark and bright pixels are {contrast:.0f} grey levels apart, must be "
-                f"at least {settings.min_contrast:.0f} apart (setting min_contrast)",
-            )
-        return mask, level, ""
+        if contrast >= settings.min_contrast:
+            return mask, level, ""
+        reason = (
+            f"no target: dark and bright pixels are {contrast:.0f} grey levels apart, must be at "
+            f"least {settings.min_contrast:.0f} apart (setting min_contrast)"
+        )
+        return np.zeros_like(mask), level, reason
     if settings.method == "adaptive":
         offset = settings.adaptive_offset if settings.dark_target else -settings.adaptive_offset
         mask = cv2.adaptiveThreshold(
@@ -171,13 +167,10 @@ def _compute_contrast(grey: Mask, mask: Mask, dark_target: bool) -> float:
 
 
 def segment(
-    grey: Mask,
-    settings: SegmentationSettings,
-    colour: NDArray[np.uint8] | None = None,
-    previous_centre: tuple[float, float] | None = None,
-    component_mask: Mask | None = None,
+    grey: Mask, settings: SegmentationSettings, colour: NDArray[np.uint8] | None = None,
+    previous_centre: tuple[float, float] | None = None, component_mask: Mask | None = None,
     target_mask: Mask | None = None,
-) -> SegmentedTarget:
+) -> SegmentedTarget:  # fmt: skip
     """Segment an image and choose the connected component that is the target.
 
     With the method 'label', the target is all components together.
@@ -197,31 +190,26 @@ def segment(
     """
     mask, level, reason = threshold_image(grey, settings, colour, target_mask)
     box = cv2.boundingRect(mask)
-    if box[2] == 0:
-        return SegmentedTarget(mask, (0, 0, 0, 0), 0, level, (), reason or "no target in view")
     component_count, component = 1, settings.component
-    if settings.method == "label":
+    if box[2] == 0:
+        reason = reason or "no target in view"
+    elif settings.method == "label":
         component = "all"
     elif settings.marker:
         component = "marker"
+        reason = "no pixel of the marker has the target colour; check the threshold or the colours"
         try:
             component_mask = MarkerChoice.read(settings.marker).make_mask(grey)
+            mask, box, component_count = _find_components_in(mask, component_mask)
         except VisionError as error:
-            return SegmentedTarget(np.zeros_like(mask), (0, 0, 0, 0), 0, level, (), str(error))
-        mask, box, component_count = _find_components_in(mask, component_mask)
-        if box[2] == 0:
-            return SegmentedTarget(
-                mask, box, 0, level, (),
-                "no pixel of the marker has the target colour; check the threshold or the colours",
-            )
-    if component not in ("all", "marker"):
+            mask, box, reason = np.zeros_like(mask), NO_BOX, str(error)
+    elif component != "all":
+        reason = "no pixel of target colour is inside the mask image"
         mask, box, component_count = _choose_component(
             mask, box, settings, previous_centre, component_mask
         )
-        if box[2] == 0:
-            return SegmentedTarget(
-                mask, box, 0, level, (), "no pixel of target colour is inside the mask image"
-            )
+    if box[2] == 0:
+        return SegmentedTarget(mask, NO_BOX, 0, level, (), reason)
     count = cv2.countNonZero(mask[_make_slices(box)])
     unusable = _explain_unusable(count, box, mask, settings)
     return SegmentedTarget(
@@ -285,12 +273,9 @@ def _count_components(mask: Mask) -> int:
 
 
 def _choose_component(
-    mask: Mask,
-    box: Box,
-    settings: SegmentationSettings,
-    previous_centre: tuple[float, float] | None,
-    component_mask: Mask | None,
-) -> tuple[Mask, Box, int]:
+    mask: Mask, box: Box, settings: SegmentationSettings,
+    previous_centre: tuple[float, float] | None, component_mask: Mask | None,
+) -> tuple[Mask, Box, int]:  # fmt: skip
     """Choose one connected component of a mask by the rule of the settings.
 
     Pixels are connected to their 8 neighbours.
@@ -320,7 +305,7 @@ def _choose_component(
         inside[0] = 0
         chosen = int(inside.argmax())
         if inside[chosen] == 0:
-            return np.zeros_like(mask), (0, 0, 0, 0), count - 1
+            return np.zeros_like(mask), NO_BOX, count - 1
     elif settings.component == "nearest" and previous_centre is not None:
         offset = centres - (previous_centre[0] - box[0], previous_centre[1] - box[1])
         distance = np.hypot(offset[:, 0], offset[:, 1])

@@ -7,13 +7,12 @@ matrix assumes that these points are in a plane, 1/Z = A x + B y + C.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import cv2
 import numpy as np
 
 from .errors import TrackingModelError
 from .interaction import Plane
+from .polygons import resample
 
 SILHOUETTE_SAMPLES = 360  # number of sample points at equal distances along the outline
 # Largest rms deviation of the outline from the plane, as a fraction of the outline's depth.
@@ -21,19 +20,6 @@ SILHOUETTE_SAMPLES = 360  # number of sample points at equal distances along the
 # a deviation of up to 0.088 (boxes up to 0.18 m high) converged; with 0.101, three of five runs
 # lost the target.
 MAX_PLANE_DEVIATION = 0.09
-
-
-class FittedPlane(NamedTuple):
-    """Plane that fits the points of a solid on the outline of its silhouette.
-
-    Attributes:
-        plane: plane that is fitted by least squares in 1/Z.
-        deviation: rms distance of the points from the plane along the optical axis, as a fraction
-            of the depth.
-    """
-
-    plane: Plane
-    deviation: float
 
 
 def find_silhouette_points(points: np.ndarray) -> np.ndarray:
@@ -57,11 +43,15 @@ def find_silhouette_points(points: np.ndarray) -> np.ndarray:
     return points[cv2.convexHull(image_points.astype(np.float32), returnPoints=False)[:, 0]]
 
 
-def fit_rim(points: np.ndarray) -> FittedPlane:
-    """Fit a plane to the outline of a solid.
+def fit_rim(points: np.ndarray) -> tuple[Plane, float]:
+    """Fit a plane to the outline of a solid, by least squares in 1/Z.
 
     Args:
         points: (m, 3) vertices of the solid in the camera's frame, m.
+
+    Returns:
+        The plane; and the rms distance of the outline from it along the optical axis, as a fraction
+        of the depth.
 
     Raises:
         TrackingModelError: a vertex is not in front of the camera.
@@ -69,17 +59,11 @@ def fit_rim(points: np.ndarray) -> FittedPlane:
     corners = find_silhouette_points(points)
     # Along a straight edge of the outline, 1/Z is linear in the image, so it can be interpolated.
     samples = np.column_stack([corners[:, :2], np.ones(len(corners))]) / corners[:, 2:]
-    steps = np.linalg.norm(np.diff(samples[:, :2], axis=0, append=samples[:1, :2]), axis=1)
-    arc_length = np.concatenate([[0.0], steps.cumsum()])
-    closed, positions = (
-        np.vstack([samples, samples[:1]]),
-        arc_length[-1] * np.arange(SILHOUETTE_SAMPLES) / SILHOUETTE_SAMPLES,
-    )
-    x, y, inverse_depth = (np.interp(positions, arc_length, column) for column in closed.T)
+    x, y, inverse_depth = resample(samples, SILHOUETTE_SAMPLES).T
     rays = np.column_stack([x, y, np.ones(SILHOUETTE_SAMPLES)])
     plane = np.linalg.lstsq(rays, inverse_depth, rcond=None)[0]
     deviation = float(np.sqrt(np.mean((rays @ plane / inverse_depth - 1.0) ** 2)))
-    return FittedPlane(Plane(*plane.tolist()), deviation)
+    return Plane(*plane.tolist()), deviation
 
 
 def fit_outline_plane(points: np.ndarray, name: str) -> Plane:

@@ -11,7 +11,7 @@ from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.world import Pose, World
 from aras_visual_servo_base.meshes import files as mesh_files
 from aras_visual_servo_base.meshes.files import read
-from aras_visual_servo_base.meshes.mesh import from_corners
+from aras_visual_servo_base.meshes.mesh import MOST_MESHES, MOST_TRIANGLES, from_corners
 
 CORNERS = ((0, 0, 0), (0.1, 0, 0), (0, 0.1, 0), (0, 0, 0.1))
 FACES = ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
@@ -327,7 +327,7 @@ def test_what_is_no_mesh_is_refused_without_a_word_of_what_it_holds(tmp_path, na
 
 
 def test_what_is_too_much_is_refused_before_it_is_read(tmp_path):
-    path, most = tmp_path / "a.stl", mesh_files.MOST_TRIANGLES
+    path, most = tmp_path / "a.stl", MOST_TRIANGLES
     faces = b"".join(b"f 1 2 %d\n" % (3 + k % 2) for k in range(most + 1))
     (tmp_path / "a.obj").write_bytes(obj() + b"\n" + faces)
     with path.open("wb") as file:
@@ -337,7 +337,7 @@ def test_what_is_too_much_is_refused_before_it_is_read(tmp_path):
         with pytest.raises(DescriptionError, match=f"{most + 1} triangles, more than the limit of "
                                                    f"{most}; simplify"):
             read(str(tmp_path / name))
-    many, most = tmp_path / "many.obj", mesh_files.MOST_MESHES
+    many, most = tmp_path / "many.obj", MOST_MESHES
     many.write_bytes(b"v 0 0 0\nv 1 0 0\nv 0 1 0\n" + b"".join(
         b"usemtl m%d\nf 1 2 3\n" % n for n in range(most + 1)))
     with pytest.raises(DescriptionError, match=f"{most + 1} groups and materials, more than the"):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -14,7 +14,7 @@ import numpy as np
 from .. import safe_xml
 from ..errors import DescriptionError
 from ..urdf import Rgba
-from .mesh import Mesh, check_reach, from_indices
+from .mesh import GREY, Mesh, check_reach, check_size, find_texture, from_indices
 
 # Errors that pycollada ignores: unsupported or missing parts of materials.
 _UNSUPPORTED = [collada.common.DaeUnsupportedError, collada.common.DaeBrokenRefError]
@@ -23,17 +23,13 @@ _UNSUPPORTED = [collada.common.DaeUnsupportedError, collada.common.DaeBrokenRefE
 _MOST_NODES = 100_000
 
 
-def read(data: bytes, folder: Path, check_size: Callable[[int, int], None],
-         find_texture: Callable[[Path, str], str | None], default_colour: Rgba) -> list[Mesh]:
+def read(data: bytes, folder: Path) -> list[Mesh]:
     """Read one mesh for each primitive in the scene, in metres.
 
     As in Gazebo and rviz, the unit of the file is applied, but its up axis is ignored.
 
     Args:
         folder: folder to which the paths of texture files are relative.
-        check_size: function that raises an error if there are too many triangles or meshes.
-        find_texture: function that returns the path of a texture file, or None if it is missing.
-        default_colour: colour of surfaces whose texture is missing.
 
     Raises:
         DescriptionError: the file is invalid; the message says what is missing or wrong.
@@ -64,8 +60,7 @@ def read(data: bytes, folder: Path, check_size: Callable[[int, int], None],
     count = 0
     for node, placed in _find_geometries(document.scene):
         appearances = {
-            material.symbol: _read_material(material.target, folder, find_texture, default_colour)
-            for material in node.materials
+            material.symbol: _read_material(material.target, folder) for material in node.materials
         }
         for primitive in node.geometry.primitives:
             if isinstance(primitive, collada.polylist.Polylist):
@@ -168,8 +163,9 @@ def _parse_numbers(element: Element, kind: type) -> np.ndarray:
         raise DescriptionError(f"<{element.tag}> contains text that is not a number") from None
 
 
-def _find_geometries(scene: collada.scene.Scene | None
-           ) -> Iterator[tuple[collada.scene.GeometryNode, np.ndarray]]:
+def _find_geometries(
+    scene: collada.scene.Scene | None,
+) -> Iterator[tuple[collada.scene.GeometryNode, np.ndarray]]:
     """Yield the geometries in the scene with their poses (4, 4)."""
     pending = [(node, np.eye(4)) for node in reversed(scene.nodes)] if scene is not None else []
     for _ in range(_MOST_NODES):
@@ -192,8 +188,9 @@ def _triangulate(polygons: collada.polylist.Polylist) -> collada.triangleset.Tri
     return polygons.triangleset()
 
 
-def _make_mesh(triangles: collada.triangleset.TriangleSet, rgba: Rgba | None, texture: str | None
-          ) -> Mesh:
+def _make_mesh(
+    triangles: collada.triangleset.TriangleSet, rgba: Rgba | None, texture: str | None
+) -> Mesh:
     """Return a mesh of the triangles in the frame and unit of their geometry."""
     index = np.full((*triangles.vertex_index.shape, 3), -1)
     index[..., 0] = triangles.vertex_index
@@ -207,15 +204,15 @@ def _make_mesh(triangles: collada.triangleset.TriangleSet, rgba: Rgba | None, te
     return from_indices(index, triangles.vertex, uv, normals, rgba, texture)
 
 
-def _read_material(material: collada.material.Material, folder: Path,
-          find_texture: Callable[[Path, str], str | None], default_colour: Rgba
-          ) -> tuple[Rgba | None, str | None]:
+def _read_material(
+    material: collada.material.Material, folder: Path
+) -> tuple[Rgba | None, str | None]:
     """Return the diffuse colour and the texture file of a material; each is None if missing."""
     diffuse = getattr(getattr(material, "effect", None), "diffuse", None)
     if isinstance(diffuse, collada.material.Map):
         file = folder / diffuse.sampler.surface.image.path
         texture = find_texture(file, f"material '{safe_xml.shorten(material.id)}'")
-        return None if texture else default_colour, texture
+        return None if texture else GREY, texture
     if diffuse is None:
         return None, None
     return (*(float(x) for x in diffuse[:3]), 1.0), None

@@ -23,14 +23,9 @@ import numpy as np
 from ..errors import DescriptionError
 from ..safe_xml import shorten
 from ..urdf import Rgba
-from .mesh import Mesh, from_corners, from_indices
+from .mesh import GREY, Mesh, check_size, find_texture, from_corners, from_indices
 
 LARGEST_FILE = 256 * 1024 * 1024  # largest size of a mesh file, bytes
-# Largest number of triangles in a mesh file. With 300 000 triangles, reading an STL file takes 3 s,
-# and simulated time stops for another 3 s while Bullet and the renderer load the mesh.
-MOST_TRIANGLES = 300_000
-MOST_MESHES = 10_000  # largest number of meshes in a mesh file
-GREY: Rgba = (0.7, 0.7, 0.7, 1.0)  # colour of surfaces whose material or texture is missing
 _log = logging.getLogger(__name__)
 _LARGEST_CACHE = 256 * 1024 * 1024  # largest total size of the cached mesh arrays, bytes
 # Number of bytes before the triangles in a binary STL file, of which the last four are the number
@@ -71,7 +66,7 @@ def read(path: str) -> tuple[Mesh, ...]:
         count = sum(len(mesh.triangles) for mesh in meshes)
         if count == 0:
             raise DescriptionError("the file has no triangles")
-        _check_size(count)
+        check_size(count)
     except DescriptionError as error:
         raise DescriptionError(f"mesh file {path} cannot be used: {error.fault}",
                                error.remedy or "export it again", path) from None
@@ -110,25 +105,17 @@ def _read_contents(path: Path) -> bytes:
         raise DescriptionError(f"the file cannot be read: {error.strerror}") from None
 
 
-def _check_size(triangles: int, meshes: int = 1) -> None:
-    for what, count, most in (("triangles", triangles, MOST_TRIANGLES),
-                              ("groups and materials", meshes, MOST_MESHES)):
-        if count > most:
-            raise DescriptionError(f"the file has {count} {what}, more than the limit of {most}",
-                                   "simplify it")
-
-
 # ---------------------------------------------------------------------- STL
 
 def _read_stl(data: bytes, _folder: Path, _states: dict[Path, _State | None]) -> list[Mesh]:
     count = int.from_bytes(data[_STL_HEADER - 4:_STL_HEADER], "little")
     whole = len(data) - _STL_HEADER >= count * _STL_TRIANGLE.itemsize
     if len(data) >= _STL_HEADER and whole and not _is_ascii(data, count):
-        _check_size(count)
+        check_size(count)
         corners = np.frombuffer(data, _STL_TRIANGLE, count, _STL_HEADER)["corners"]
     elif data[:5].lower() == b"solid":
         words = [line.split()[1:4] for line in data.splitlines() if line.split()[:1] == [b"vertex"]]
-        _check_size(len(words) // 3)
+        check_size(len(words) // 3)
         try:
             corners = np.array(words, dtype=float).reshape(-1, 3, 3)
         except ValueError:
@@ -214,7 +201,7 @@ def _read_obj(data: bytes, folder: Path, states: dict[Path, _State | None]) -> l
                 found = _read_mtl(library, states)
                 materials |= found
                 lacking |= set() if found else {str(library)}
-            _check_size(count, len(faces))
+            check_size(count, len(faces))
         except ValueError:
             raise DescriptionError(f"line {number}: it contains an invalid number") from None
         except DescriptionError as error:
@@ -290,18 +277,10 @@ def _read_mtl(path: Path, states: dict[Path, _State | None]
     return materials
 
 
-def find_texture(file: Path, what: str) -> str | None:
-    """Return the path of a material's texture. If it is missing, log this and return None."""
-    if file.is_file():
-        return str(file)
-    _log.warning("%s is drawn grey: there is no %s", what, file)
-    return None
-
-
 def _read_dae(data: bytes, folder: Path, _states: dict[Path, _State | None]) -> list[Mesh]:
     from . import collada_files  # imported here because pycollada takes 0.07 s and is rarely needed
 
-    return collada_files.read(data, folder, _check_size, find_texture, GREY)
+    return collada_files.read(data, folder)
 
 
 def _read_gltf(data: bytes, _folder: Path, states: dict[Path, _State | None]) -> list[Mesh]:
@@ -311,7 +290,7 @@ def _read_gltf(data: bytes, _folder: Path, states: dict[Path, _State | None]) ->
         states[file] = _read_state(file)
         return _read_contents(file)
 
-    return gltf_files.read(data, next(iter(states)), _check_size, find_file)
+    return gltf_files.read(data, next(iter(states)), find_file)
 
 
 _READERS: dict[str, Callable[[bytes, Path, dict[Path, _State | None]], list[Mesh]]] = {

@@ -19,7 +19,7 @@ from ..errors import DescriptionError
 from ..image_files import LARGEST_IMAGE
 from ..safe_xml import shorten
 from ..urdf import Rgba
-from .mesh import Mesh, from_indices
+from .mesh import Mesh, check_size, from_indices
 
 if TYPE_CHECKING:
     import trimesh
@@ -30,8 +30,7 @@ _TRIANGLES = 4  # glTF's number of the primitive mode "triangles", the default
 _NONE = np.zeros((0, 3))
 
 
-def read(data: bytes, path: Path, check_size: Callable[[int, int], None],
-         find_file: Callable[[Path], bytes]) -> list[Mesh]:
+def read(data: bytes, path: Path, find_file: Callable[[Path], bytes]) -> list[Mesh]:
     """Read one mesh for each primitive in the scene, in metres.
 
     Axes are not rotated, so +y is up, as in glTF.
@@ -39,7 +38,6 @@ def read(data: bytes, path: Path, check_size: Callable[[int, int], None],
     Args:
         data: content of the file.
         path: path of the file.
-        check_size: function that raises an error if there are too many triangles or meshes.
         find_file: function that reads another file to which the glTF file refers.
 
     Raises:
@@ -48,15 +46,12 @@ def read(data: bytes, path: Path, check_size: Callable[[int, int], None],
     import trimesh  # imported here because trimesh takes half a second and is rarely needed
 
     tree = _parse_tree(data)
-    normals = _check_tree(tree, check_size)
+    normals = _check_tree(tree)
 
-    class FileResolver(trimesh.resolvers.Resolver):
-        """Reads the files that the glTF file refers to."""
+    class FileResolver(dict):
+        """Reads the files to which the glTF file refers, by their names."""
 
-        def __init__(self) -> None:
-            """Do nothing: `get` reads `path` from the enclosing function."""
-
-        def get(self, name: str) -> bytes:
+        def __missing__(self, name: str) -> bytes:
             file = (path.parent / name).resolve()
             if not file.is_relative_to(path.parent.resolve()):
                 raise DescriptionError(
@@ -64,15 +59,6 @@ def read(data: bytes, path: Path, check_size: Callable[[int, int], None],
                     "move that file there",
                 )
             return find_file(file)
-
-        def keys(self) -> list[str]:
-            return []
-
-        def namespaced(self, namespace: str) -> FileResolver:
-            return self
-
-        def write(self, name: str, data: bytes) -> None:
-            raise NotImplementedError
 
     try:
         scene = trimesh.load_scene(io.BytesIO(data), file_type=path.suffix[1:].lower(),
@@ -113,7 +99,7 @@ def _parse_tree(data: bytes) -> dict[str, Any]:
     return tree
 
 
-def _check_tree(tree: dict[str, Any], check_size: Callable[[int, int], None]) -> bool:
+def _check_tree(tree: dict[str, Any]) -> bool:
     """Check extensions and sizes; return whether the file contains normals for all triangles."""
     if needed := tree.get("extensionsRequired"):
         raise DescriptionError(f"the file needs {shorten(', '.join(map(str, needed)), 200)}, which "

@@ -14,9 +14,9 @@ from ros_graph import PATIENCE, RosMaster, wait_for
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float64MultiArray
 
-from aras_visual_servo_camera.messages import read_moments_message
 from aras_visual_servo_camera.moment_feature_values import PAPER_FEATURES, Reference
 from aras_visual_servo_camera.moment_feature_values import compute_moment_features as compute
+from aras_visual_servo_camera.moments import Moments
 
 NODE = ["rosrun", "aras_visual_servo_camera", "aras_visual_servo_camera_node"]
 K = [200.0, 0, 159.5, 0, 200.0, 119.5, 0, 0, 1]
@@ -124,7 +124,7 @@ def test_moments_and_pictures_of_one_frame(ros_node, collect, start) -> None:
     assert message.header.frame_id == "camera_link" and message.pixel_count == 4500
     assert (message.order, len(message.m), len(message.mu)) == (6, 28, 28)
     assert list(message.K) == K and (message.width, message.height) == (320, 240)
-    moments = read_moments_message(message)
+    moments = Moments.from_arrays(message.m, message.mu, message.order)
     assert moments.m00 == pytest.approx(4500 / 200**2)
     assert moments.xg == pytest.approx((144.5 - 159.5) / 200)
     features = compute(moments, PAPER_FEATURES, reference=Reference(moments.m00, 0.3))

@@ -112,9 +112,7 @@ NUMBERS = np.array([[1, 2, 16777218], [-1, 33554434, 2]], np.int32)
 ])  # fmt: skip
 def test_a_model_or_one_of_its_links_is_told(wanted, pixels):
     labels = LabelSegmentation(wanted)
-    assert not labels.has_links
     labels.set_links(NAMES)
-    assert labels.has_links
     assert labels.make_mask(NUMBERS).tolist() == pixels
 
 

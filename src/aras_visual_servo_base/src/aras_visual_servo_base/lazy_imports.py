@@ -35,7 +35,8 @@ def lazy_exports(package: str, places: Mapping[str, str]) -> tuple[Getter, Liste
     def get(name: str) -> object:
         if name in places:
             return getattr(import_module(places[name], package), name)
-        if name.startswith("__") or _is_module(f"{package}.{name}"):
+        is_module = name.isidentifier() and find_spec(f"{package}.{name}") is not None
+        if name.startswith("__") or is_module:
             raise AttributeError(f"module {package!r} has no attribute {name!r}", name=name)
         from .names import suggest  # imported here because it is only needed for errors
 
@@ -49,14 +50,6 @@ def lazy_exports(package: str, places: Mapping[str, str]) -> tuple[Getter, Liste
         raise AttributeError(f"module {package!r} has no attribute {name!r}: {hint}", name=name)
 
     return get, list_names
-
-
-def _is_module(name: str) -> bool:
-    """Return whether a module with this full name exists.
-
-    The package that contains the module must have been imported.
-    """
-    return name.rpartition(".")[2].isidentifier() and find_spec(name) is not None
 
 
 def import_later(place: str) -> Callable[..., Any]:

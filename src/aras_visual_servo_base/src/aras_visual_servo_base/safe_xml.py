@@ -1,6 +1,7 @@
 """Reader of untrusted XML. It rejects document types and entities, and limits size and depth."""
 
 import math
+from collections import Counter
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
@@ -12,6 +13,7 @@ from aras_visual_servo_base.poses import Pose, Vector3
 LARGEST_TEXT = 16 * 1024 * 1024
 LARGEST_DEPTH = 64
 LARGEST_COUNT = 400_000
+BOOLEANS = {"true": True, "1": True, "yes": True, "false": False, "0": False, "no": False}
 
 
 def parse(
@@ -115,11 +117,9 @@ def check_names(names: list[str], what: str) -> None:
     Raises:
         DescriptionError: two names are equal.
     """
-    known_names: set[str] = set()
-    for name in names:
-        if name in known_names:
+    for name, count in Counter(names).items():
+        if count > 1:
             raise DescriptionError(f"two {what} are named '{shorten(name)}'; rename one")
-        known_names.add(name)
 
 
 def shorten(text: str, length: int = 60) -> str:
@@ -152,8 +152,9 @@ def parse_number(text: str | None, where: str, default: float | None = None) -> 
     return value
 
 
-def parse_numbers(text: str | None, count: int, where: str,
-            default: tuple[float, ...] | None = None) -> tuple[float, ...]:
+def parse_numbers(
+    text: str | None, count: int, where: str, default: tuple[float, ...] | None = None
+) -> tuple[float, ...]:
     """Parse `count` finite numbers that are separated by blanks.
 
     The other arguments and the errors are those of `parse_number`.
@@ -213,17 +214,13 @@ def parse_bool(text: str | None, where: str, default: bool) -> bool:
     """
     if text is None:
         return default
-    word = text.strip().lower()
-    if word in ("true", "1", "yes"):
-        return True
-    if word in ("false", "0", "no"):
-        return False
-    raise DescriptionError(f"{where}: '{shorten(text)}' is neither true nor false")
+    value = BOOLEANS.get(text.strip().lower())
+    if value is None:
+        raise DescriptionError(f"{where}: '{shorten(text)}' is neither true nor false")
+    return value
 
 
 def find_text(element: Element | None, tag: str) -> str | None:
     """Return the stripped text of the child `tag`; None if there is no such child."""
-    if element is None:
-        return None
-    child = element.find(tag)
-    return None if child is None else (child.text or "").strip()
+    text = None if element is None else element.findtext(tag)
+    return None if text is None else text.strip()

@@ -36,11 +36,9 @@ class DetectionPublishers:
     """Publishers of the results of one camera."""
 
     def __init__(
-        self,
-        parameters: VisionParameters,
-        pipeline: DetectionPipeline,
+        self, parameters: VisionParameters, pipeline: DetectionPipeline,
         log: Callable[[str, str], None],
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Create the publishers.
 
         Args:
@@ -52,13 +50,12 @@ class DetectionPublishers:
         from .msg import ImageMoments, KernelFeatures
 
         self._parameters, self._pipeline, self._log = parameters, pipeline, log
-        self._moments_publisher = rospy.Publisher(MOMENTS_TOPIC, ImageMoments, queue_size=1)
-        self._data_publisher = rospy.Publisher(NAMESPACE + "data", Float64MultiArray, queue_size=1)
-        self._kernel_publisher = rospy.Publisher(NAMESPACE + "kernel", KernelFeatures, queue_size=1)
-        self._binary_publisher = rospy.Publisher(
-            NAMESPACE + "thresholded_image", ImageMessage, queue_size=1
-        )
-        self._overlay_publisher = rospy.Publisher(NAMESPACE + "overlay", ImageMessage, queue_size=1)
+        kinds = {"moments": ImageMoments, "data": Float64MultiArray, "kernel": KernelFeatures,
+                 "thresholded_image": ImageMessage, "overlay": ImageMessage}  # fmt: skip
+        self._publishers = {
+            name: rospy.Publisher(f"{NAMESPACE}{name}", kind, queue_size=1)
+            for name, kind in kinds.items()
+        }
         self._desired_outline = parameters.desired_corners
         if not self._desired_outline:
             rospy.Subscriber(OUTLINE_TOPIC, PolygonStamped, self._on_outline, queue_size=1)
@@ -73,22 +70,25 @@ class DetectionPublishers:
         """
         method = self._parameters.pipeline_settings.segmentation.method
         moments = make_moments_message(detection, message.header, method)
-        self._moments_publisher.publish(moments)
+        self._publishers["moments"].publish(moments)
         if not detection.valid:
             # Reasons that differ only in numbers are logged as the same kind of error.
             kind = re.sub(r"[\d.]+", "#", detection.reason)
             self._log(kind, f"no measurement: {detection.reason}")
-        if self._kernel_publisher.get_num_connections():
+        if self._has_subscribers("kernel"):
             self._publish_kernel(image, message)
-        if self._data_publisher.get_num_connections():
+        if self._has_subscribers("data"):
             self._publish_original(image)
-        if self._binary_publisher.get_num_connections():
-            mask = detection.target.mask
-            self._binary_publisher.publish(make_image_message(mask, "mono8", message.header))
-        if self._overlay_publisher.get_num_connections():
+        if self._has_subscribers("thresholded_image"):
+            mask = make_image_message(detection.target.mask, "mono8", message.header)
+            self._publishers["thresholded_image"].publish(mask)
+        if self._has_subscribers("overlay"):
             overlay = draw(image.rgb, detection, self._desired_outline)
-            self._overlay_publisher.publish(make_image_message(overlay, "rgb8", message.header))
+            self._publishers["overlay"].publish(make_image_message(overlay, "rgb8", message.header))
         return moments
+
+    def _has_subscribers(self, name: str) -> bool:
+        return self._publishers[name].get_num_connections() > 0
 
     def _on_outline(self, message: PolygonStamped) -> None:
         """Store the desired outline that the controller publishes, for the overlay."""
@@ -103,7 +103,7 @@ class DetectionPublishers:
             numbers = self._pipeline.compute_kernel_data(image)
         except VisionError as error:
             reason = str(error)
-        self._kernel_publisher.publish(make_kernel_message(numbers, reason, message.header))
+        self._publishers["kernel"].publish(make_kernel_message(numbers, reason, message.header))
 
     def _publish_original(self, image: Image) -> None:
         try:
@@ -113,4 +113,4 @@ class DetectionPublishers:
             # that a controller that subscribes to this topic stops the arm.
             self._log("data", f"nothing is published on {NAMESPACE}data: {error}")
             return
-        self._data_publisher.publish(make_array_message(numbers))
+        self._publishers["data"].publish(make_array_message(numbers))

@@ -72,14 +72,6 @@ def parse_moment(leaf: str) -> tuple[str, int, int] | None:
     return None if match is None else (match[1], int(match[2]), int(match[3]))
 
 
-def _find_leaf_order(leaf: str, kind: str) -> int:
-    if moment := parse_moment(leaf):
-        return moment[1] + moment[2]
-    if leaf == "a":
-        return 0 if kind == DENSE else 2
-    return 1 if leaf in ("xg", "yg") else 0
-
-
 class FeaturePlan(NamedTuple):
     """The quantities from which a list of features is computed; it is cached for each list.
 
@@ -105,9 +97,12 @@ class FeaturePlan(NamedTuple):
 def make_plan(names: tuple[str, ...], kind: str) -> FeaturePlan:
     """Return the quantities that features need from moments of a kind; see `Moments.kind`."""
     leaves = sorted(frozenset().union(*(make_node(name).leaves for name in names)))
-    raw = [_find_leaf_order(n, kind) for n in leaves if re.match(r"m\d", n)]
-    rest = [_find_leaf_order(n, kind) for n in leaves if not re.match(r"m\d", n)]
-    centred_order, raw_order = max([1, *rest]), max([1, *raw]) if raw else -1
+    moments = [moment for leaf in leaves if (moment := parse_moment(leaf))]
+    raw = [i + j for table, i, j in moments if table == "m"]
+    centred = [i + j for table, i, j in moments if table == "mu"]
+    if "a" in leaves and kind != DENSE:
+        centred.append(2)  # the area of a set of points is mu20 + mu02
+    centred_order, raw_order = max([1, *centred]), max([1, *raw]) if raw else -1
     # Order of the rows: xg, yg, all mu_ij, all m_ij, and the area of a set of points. The area of a
     # region is mu00. A quantity that does not depend on the camera has the row of mu10, which is 0.
     first_raw, area = CENTRED + len(exponents(centred_order)), CENTRED if kind == DENSE else -1

@@ -28,11 +28,6 @@ class LabelSegmentation:
         self.target_name = target_name
         self._links: Mapping[int, str] = {}
 
-    @property
-    def has_links(self) -> bool:
-        """True if the names of the labels are known."""
-        return bool(self._links)
-
     def set_links(self, links: Mapping[int, str] | str) -> None:
         """Set the name 'model::link' of each label, from a mapping or from its YAML text.
 
@@ -59,7 +54,7 @@ class LabelSegmentation:
         links = self._links.items()
         found = [n for n, link in links if self.target_name in (link, link.partition(LINK)[0])]
         if not found:
-            known = {link for link in self._links.values()}
+            known = set(self._links.values())
             known |= {link.partition(LINK)[0] for link in known}
             raise SegmentationError(
                 f"segmentation: no link has the label '{self.target_name}': "

@@ -10,8 +10,7 @@ from sensor_msgs.msg import Image as ImageMessage
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension
 
 from .detection_pipeline import TargetDetection
-from .errors import MomentsError, VisionError
-from .moments import Moments
+from .errors import VisionError
 
 
 def make_moments_message(detection: TargetDetection, header: Header, method: str) -> Any:
@@ -42,17 +41,6 @@ def make_moments_message(detection: TargetDetection, header: Header, method: str
         message.distortion_model = camera.model
         message.D, message.K = list(camera.D), list(camera.K)
     return message
-
-
-def read_moments_message(message: Any) -> Moments:
-    """Return the moments of an ImageMoments message.
-
-    Raises:
-        MomentsError: the message is not valid.
-    """
-    if not message.valid:
-        raise MomentsError(f"the image gave no moments: {message.reason}")
-    return Moments.from_arrays(message.m, message.mu, message.order)
 
 
 def make_kernel_message(numbers: list[float], reason: str, header: Header) -> Any:

@@ -78,7 +78,8 @@ class SegmentationSettings:
             raise SegmentationError(f"adaptive_block is {self.adaptive_block} px, must be odd")
         for name in ("colour_low", "colour_high"):
             colour = getattr(self, name)
-            if len(colour) != 3 or not all(map(_is_within, colour, MAX_HSV)):
+            within = [0 <= value <= most for value, most in zip(colour, MAX_HSV, strict=False)]
+            if len(colour) != 3 or not all(within):
                 raise SegmentationError(
                     f"{name} is {tuple(colour)}, must be hue 0-179, saturation 0-255, value 0-255"
                 )
@@ -93,7 +94,3 @@ class SegmentationSettings:
     def image_kinds(self) -> tuple[str, ...]:
         """Kinds of images that the segmentation needs for each measurement: 'image', 'labels'."""
         return ("image", "labels") if self.method == "label" else ("image",)
-
-
-def _is_within(level: float, largest: float) -> bool:
-    return 0 <= level <= largest

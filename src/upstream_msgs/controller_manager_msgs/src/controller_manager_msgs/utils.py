@@ -9,35 +9,25 @@ import rospy
 import rosservice
 
 from controller_manager_msgs.msg import ControllerState
-from controller_manager_msgs.srv import (
-    ListControllers,
-    ListControllersRequest,
-)
+from controller_manager_msgs.srv import ListControllers, ListControllersRequest
 
-_SERVICES = {
-    name: f"controller_manager_msgs/{kind}"
-    for name, kind in (
-        ("list_controllers", "ListControllers"),
-        ("list_controller_types", "ListControllerTypes"),
-        ("load_controller", "LoadController"),
-        ("unload_controller", "UnloadController"),
-        ("switch_controller", "SwitchController"),
-        ("reload_controller_libraries", "ReloadControllerLibraries"),
-    )
-}
+_SERVICES = {  # type of each service in the package controller_manager_msgs
+    "list_controllers": "ListControllers", "list_controller_types": "ListControllerTypes",
+    "load_controller": "LoadController", "unload_controller": "UnloadController",
+    "switch_controller": "SwitchController",
+    "reload_controller_libraries": "ReloadControllerLibraries",
+}  # fmt: skip
 
 
 def is_controller_manager(namespace: str) -> bool:
     """Return whether a namespace (e.g. /robot/controller_manager) has all services of a manager."""
-    return all(_type_of(rosgraph.names.ns_join(namespace, name)) == kind
-               for name, kind in _SERVICES.items())
-
-
-def _type_of(service: str) -> str | None:
     try:
-        return rosservice.get_service_type(service)
+        return all(
+            rosservice.get_service_type(rosgraph.names.ns_join(namespace, name))
+            == f"controller_manager_msgs/{kind}" for name, kind in _SERVICES.items()
+        )  # fmt: skip
     except rosservice.ROSServiceException:
-        return None
+        return False
 
 
 def get_controller_managers(
@@ -104,27 +94,28 @@ def get_rosparam_controller_names(namespace: str = "/") -> list[str]:
 
 
 def _filter(
-    controllers: Iterable[ControllerState],
-    text: Callable[[ControllerState], str],
-    pattern: str,
-    match_substring: bool,
-) -> list[ControllerState]:
-    return [controller for controller in controllers
-            if pattern == text(controller) or match_substring and pattern in text(controller)]
+    controllers: Iterable[ControllerState], list_texts: Callable[[ControllerState], list[str]],
+    pattern: str, match_substring: bool,
+) -> list[ControllerState]:  # fmt: skip
+    return [
+        controller for controller in controllers
+        if any(pattern == text or match_substring and pattern in text
+               for text in list_texts(controller))
+    ]  # fmt: skip
 
 
 def filter_by_name(
     ctrl_list: Iterable[ControllerState], ctrl_name: str, match_substring: bool = False
 ) -> list[ControllerState]:
     """Return the controllers whose name is, or with `match_substring` contains, `ctrl_name`."""
-    return _filter(ctrl_list, lambda controller: controller.name, ctrl_name, match_substring)
+    return _filter(ctrl_list, lambda controller: [controller.name], ctrl_name, match_substring)
 
 
 def filter_by_type(
     ctrl_list: Iterable[ControllerState], ctrl_type: str, match_substring: bool = False
 ) -> list[ControllerState]:
     """Return the controllers whose type is, or with `match_substring` contains, `ctrl_type`."""
-    return _filter(ctrl_list, lambda controller: controller.type, ctrl_type, match_substring)
+    return _filter(ctrl_list, lambda controller: [controller.type], ctrl_type, match_substring)
 
 
 def filter_by_state(
@@ -134,7 +125,7 @@ def filter_by_state(
 
     With `match_substring`, it is sufficient that the state contains `ctrl_state`.
     """
-    return _filter(ctrl_list, lambda controller: controller.state, ctrl_state, match_substring)
+    return _filter(ctrl_list, lambda controller: [controller.state], ctrl_state, match_substring)
 
 
 def filter_by_hardware_interface(
@@ -144,12 +135,10 @@ def filter_by_hardware_interface(
 
     With `match_substring`, it is sufficient that the interface's name contains this text.
     """
-    return [
-        controller for controller in ctrl_list
-        if any(hardware_interface == claim.hardware_interface
-               or match_substring and hardware_interface in claim.hardware_interface
-               for claim in controller.claimed_resources)
-    ]  # fmt: skip
+    def list_interfaces(controller: ControllerState) -> list[str]:
+        return [claim.hardware_interface for claim in controller.claimed_resources]
+
+    return _filter(ctrl_list, list_interfaces, hardware_interface, match_substring)
 
 
 def filter_by_resources(

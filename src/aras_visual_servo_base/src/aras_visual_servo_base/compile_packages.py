@@ -87,16 +87,14 @@ def find_missing(packages: Sequence[str]) -> list[str]:
     The next program that needs the missing functions would compile them. Packages whose functions
     cannot be cached are ignored.
     """
-    return [package for package in packages if _is_missing(package)]
-
-
-def _is_missing(package: str) -> bool:
-    parent = find_folder(package)
-    for path in find_sources(package):
-        folder = find_cache_folder((parent / path).parent)
-        if folder is not None and not any(folder.glob(f"{path.stem}.*.nbi")):
-            return True
-    return False
+    missing = []
+    for package in packages:
+        for path in find_sources(package):
+            folder = find_cache_folder((find_folder(package) / path).parent)
+            if folder is not None and not any(folder.glob(f"{path.stem}.*.nbi")):
+                missing.append(package)
+                break
+    return missing
 
 
 def find_cache_folder(sources: Path) -> Path | None:
@@ -207,19 +205,16 @@ def compile_packages(
                     process, part = running.pop(receiver)
                     process.join()
                     if process.exitcode:
-                        faults.append(_describe_failure(process.exitcode, part))
+                        faults.append(f"compiling {', '.join(part)} failed")
+                    if process.exitcode == -signal.SIGKILL:
+                        faults[-1] += (
+                            ": the process was killed, probably because of too little memory"
+                        )
     finally:
         # After an exception, some processes are still running and must be ended.
         for process, _ in running.values():
             process.terminate()
     return CompilationResult(faults, uncached)
-
-
-def _describe_failure(status: int, packages: Sequence[str]) -> str:
-    text = f"compiling {', '.join(packages)} failed"
-    if status != -signal.SIGKILL:
-        return text
-    return f"{text}: the process was killed, probably because of too little memory"
 
 
 def _import_modules(package: str, folder: Path | None) -> str:

@@ -124,13 +124,8 @@ class CameraModel:
     @classmethod
     def from_message(cls, info: Any) -> CameraModel:
         """Return the model of a sensor_msgs/CameraInfo, or of an object with its attributes."""
-        return cls(
-            int(info.width),
-            int(info.height),
-            tuple(float(k) for k in info.K),
-            tuple(float(d) for d in info.D),
-            str(info.distortion_model),
-        )
+        K, D = tuple(map(float, info.K)), tuple(map(float, info.D))
+        return cls(int(info.width), int(info.height), K, D, str(info.distortion_model))
 
     @cached_property
     def pinhole(self) -> Pinhole:

@@ -43,9 +43,8 @@ class CameraNode:
     def __init__(self, parameters: VisionParameters) -> None:
         self.on_moments: Callable[[Any], None] | None = None
         self.parameters = parameters
-        self.pipeline = DetectionPipeline(
-            parameters.pipeline_settings, parameters.read_mask_image()
-        )
+        mask = parameters.read_mask_image()
+        self.pipeline = DetectionPipeline(parameters.pipeline_settings, mask)
         self.pipeline.drop_camera(f"no camera_info on {rospy.resolve_name(INFO_TOPIC)} yet")
         self._log_times: dict[str, float] = {}
         self._lock, self._stamp, self._last_image = Lock(), rospy.Time(), time.monotonic()
@@ -67,10 +66,10 @@ class CameraNode:
     def check_images(self) -> None:
         """Log if no images arrive; this method must be called often."""
         if time.monotonic() - self._last_image > self.parameters.log_period:
-            label_topic = f" and {self._label_subscribers.topic}" if self._label_subscribers else ""
-            self._log(
-                "image", f"waiting for images on {rospy.resolve_name(IMAGE_TOPIC)}{label_topic}"
-            )
+            topics = [rospy.resolve_name(IMAGE_TOPIC)]
+            if self._label_subscribers:
+                topics.append(self._label_subscribers.topic)
+            self._log("image", f"waiting for images on {' and '.join(topics)}")
 
     def _on_info(self, message: CameraInfo) -> None:
         with self._lock:

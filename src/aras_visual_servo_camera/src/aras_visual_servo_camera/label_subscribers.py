@@ -54,11 +54,9 @@ class LabelSubscribers:
         cls, segmentation: SegmentationSettings, camera: str, callback: LabelCallback
     ) -> LabelSubscribers | None:
         """Return the subscribers for segmentation by label; None for any other method."""
-        return (
-            cls(camera, segmentation.label, callback)
-            if "labels" in segmentation.image_kinds
-            else None
-        )
+        if "labels" not in segmentation.image_kinds:
+            return None
+        return cls(camera, segmentation.label, callback)
 
     def make_mask(self, message: ImageMessage) -> Mask:
         """Return the target's mask (rows, columns), 255 where a label image shows the target.

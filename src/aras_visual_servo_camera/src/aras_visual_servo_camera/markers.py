@@ -141,11 +141,8 @@ class MarkerChoice:
                                   "[x, y] in m or [x, y, degrees], and the key must be the number "
                                   "of a marker")  # fmt: skip
             checked_number = _check_number(int(number), dictionary, where)
-            board[checked_number] = (
-                values[0],
-                values[1],
-                math.radians(values[2] if len(values) == 3 else 0.0),
-            )
+            x, y, degrees = (*values, 0.0)[:3]
+            board[checked_number] = x, y, math.radians(degrees)
         return cls(dictionary, None, marker_size, board)
 
     def __str__(self) -> str:
@@ -184,11 +181,13 @@ class MarkerChoice:
         other_names: list[str] = []
         for name in (self.dictionary,) if self.dictionary else SEARCHED_DICTIONARIES:
             found = _detect(name, np.ascontiguousarray(grey))
-            chosen = [(number, marker) for number, marker in found if self._is_selected(number)]
-            if chosen and self.board is None:
-                chosen = [max(chosen, key=lambda item: cv2.contourArea(item[1].corners))]
+            if self.board is not None:
+                chosen = [marker for number, marker in found if number in self.board]
+            else:
+                chosen = [m for number, m in found if self.number in (None, number)]
+                chosen = sorted(chosen, key=lambda m: -cv2.contourArea(m.corners))[:1]
             if chosen:
-                return [marker for _, marker in chosen]
+                return chosen
             other_names += [marker.name for _, marker in found]
         in_view = f"; in view: {', '.join(sorted(set(other_names)))}" if other_names else ""
         searched = "" if self.dictionary else f" (of {', '.join(SEARCHED_DICTIONARIES)})"
@@ -200,21 +199,14 @@ class MarkerChoice:
             )
         raise VisionError(f"{self} is not in view{searched}{in_view}")
 
-    def _is_selected(self, number: int) -> bool:
-        if self.board is not None:
-            return number in self.board
-        return self.number is None or number == self.number
-
     def compute_marker_corners(self, name: str) -> np.ndarray:
         """Return the corners (4, 2), m, of one of the board's markers, in the axes of the board.
 
         name: `DICTIONARY:number` of the marker. The y axis of the board is up.
         """
         x, y, turn = self.board[int(name.rpartition(":")[2])]
-        half = 0.5 * self.marker_size
-        square = np.array([(-half, half), (half, half), (half, -half), (-half, -half)])
         c, s = math.cos(turn), math.sin(turn)
-        return square @ np.array([[c, s], [-s, c]]) + (x, y)
+        return make_square(self.marker_size) @ np.array([[c, s], [-s, c]]) + (x, y)
 
     def compute_board_corners(self) -> np.ndarray:
         """Compute the corners (4, 2), m, of the rectangle around all markers of the board.
@@ -239,13 +231,21 @@ class MarkerChoice:
         return mask
 
 
+def make_square(side: float) -> np.ndarray:
+    """Return the corners (4, 2) of a square about (0, 0), clockwise from the upper left (y is up).
+    """
+    half = 0.5 * side
+    return np.array([(-half, half), (half, half), (half, -half), (-half, -half)])
+
+
 def _detect(name: str, grey: NDArray[np.uint8]) -> list[tuple[int, DetectedMarker]]:
     found, numbers, _ = _make_detector(name).detectMarkers(grey)
-    return [
-        (int(number), DetectedMarker(f"{name}:{int(number)}", corners.reshape(-1, 2),
-                                  DICTIONARIES[name]))
-        for number, corners in zip(np.ravel(numbers) if len(found) else (), found, strict=True)
-    ]  # fmt: skip
+    numbers = np.ravel(numbers).tolist() if len(found) else []
+    markers = []
+    for number, corners in zip(numbers, found, strict=True):
+        marker = DetectedMarker(f"{name}:{number}", corners.reshape(-1, 2), DICTIONARIES[name])
+        markers.append((number, marker))
+    return markers
 
 
 def _check_dictionary(name: str, where: str) -> str:
@@ -259,13 +259,8 @@ def _check_dictionary(name: str, where: str) -> str:
 
 
 def _check_number(number: int, dictionary: str, where: str) -> int:
-    highest = (
-        max(
-            _count_markers(name)
-            for name in ((dictionary,) if dictionary else SEARCHED_DICTIONARIES)
-        )
-        - 1
-    )
+    names = (dictionary,) if dictionary else SEARCHED_DICTIONARIES
+    highest = max(map(_count_markers, names)) - 1
     if number > highest:
         owner = dictionary or "the largest dictionary"
         raise VisionError(

@@ -17,13 +17,8 @@ MIN_DOT_AREA = 4  # pixels; smaller dots have no reliable centre
 # ellipse, 1.27 for an upright rectangle. A dot larger than COARSE_AREA (pixels) must have a
 # roundness between MIN_ROUNDNESS and MAX_ROUNDNESS, a smaller dot one above MIN_COARSE_ROUNDNESS.
 # The ratio of the bounding box's sides must not exceed MAX_ELONGATION.
-MIN_ROUNDNESS, MAX_ROUNDNESS, COARSE_AREA, MIN_COARSE_ROUNDNESS, MAX_ELONGATION = (
-    0.8,
-    1.15,
-    60,
-    0.6,
-    4.0,
-)
+MIN_ROUNDNESS, MAX_ROUNDNESS, COARSE_AREA, MIN_COARSE_ROUNDNESS = 0.8, 1.15, 60, 0.6
+MAX_ELONGATION = 4.0
 # Margin around a dot's bounding box in which the grey level of the background is measured, px.
 GROUND_WIDTH = 3
 EDGE_WIDTH = 1.5  # px; width of the blurred edge around a dot
@@ -58,9 +53,8 @@ class DotTracker(Tracker):
                 is_round = MIN_ROUNDNESS * ellipse_area < area < MAX_ROUNDNESS * ellipse_area
             else:
                 is_round = area >= MIN_DOT_AREA and area > MIN_COARSE_ROUNDNESS * ellipse_area
-            if is_round and not (
-                find_touched_borders((left, top, width, height), grey.shape) or is_long
-            ):
+            is_cut_off = find_touched_borders((left, top, width, height), grey.shape)
+            if is_round and not is_long and not is_cut_off:
                 dots.append((int(area), left, top, width, height))
         if len(dots) < self.count:
             raise VisionError(
@@ -68,22 +62,20 @@ class DotTracker(Tracker):
                 "each dot dark, round and separate from the others"
             )
         dots.sort(reverse=True)
-        return sort_by_angle(
-            np.array([self._compute_centre(grey, *dot[1:]) for dot in dots[: self.count]])
-        )
+        centres = [self._compute_centre(grey, *dot[1:]) for dot in dots[: self.count]]
+        return sort_by_angle(np.array(centres))
 
     @staticmethod
     def _compute_centre(grey: np.ndarray, left: int, top: int, width: int, height: int) -> tuple:
         low_u, low_v = max(left - GROUND_WIDTH, 0), max(top - GROUND_WIDTH, 0)
-        part = grey[
-            low_v : top + height + GROUND_WIDTH, low_u : left + width + GROUND_WIDTH
-        ].astype(float)
+        high_u, high_v = left + width + GROUND_WIDTH, top + height + GROUND_WIDTH
+        part = grey[low_v:high_v, low_u:high_u].astype(float)
         v, u = np.indices(part.shape)
         middle = left - low_u + 0.5 * (width - 1), top - low_v + 0.5 * (height - 1)
         for _ in range(DOT_ITERATIONS):
-            distance = ((u - middle[0]) / (0.5 * width + EDGE_WIDTH)) ** 2 + (
-                (v - middle[1]) / (0.5 * height + EDGE_WIDTH)
-            ) ** 2
+            across = (u - middle[0]) / (0.5 * width + EDGE_WIDTH)
+            down = (v - middle[1]) / (0.5 * height + EDGE_WIDTH)
+            distance = across**2 + down**2
             darkness = np.where(distance <= 1.0, np.median(part[distance > 1.0]) - part, 0.0)
             middle = (darkness * u).sum() / darkness.sum(), (darkness * v).sum() / darkness.sum()
         return low_u + float(middle[0]), low_v + float(middle[1])

@@ -13,7 +13,7 @@ from aras_visual_servo_base.poses import inverse, matrix_from_xyz_rpy
 
 from ..camera_model import CameraModel
 from ..errors import TrackingModelError, VisionError
-from ..markers import MarkerChoice
+from ..markers import MarkerChoice, make_square
 from .marker import MarkerTracker
 
 START_FORMS = (
@@ -84,8 +84,7 @@ class InitialPose:
                 )
             return inverse(world_T_camera) @ self._pose
         if self.kind == "marker":
-            half = 0.5 * self._marker_size
-            square = np.array([(-half, half), (half, half), (half, -half), (-half, -half)])
+            square = make_square(self._marker_size)
             places = np.column_stack([square, np.zeros(4)]) @ self._pose[:3, :3].T
             return solve_pnp(places + self._pose[:3, 3], self._marker.find_normalised(grey, camera))
         x, y, _ = camera.normalise(*self._clicks[:, 3:].T)
@@ -104,14 +103,10 @@ def solve_pnp(object_points: np.ndarray, points: np.ndarray) -> np.ndarray:
     """
     is_solved, rotation_vector, translation = cv2.solvePnP(
         np.ascontiguousarray(object_points, float), np.ascontiguousarray(points, float), np.eye(3),
-        None,
-        flags=cv2.SOLVEPNP_SQPNP,
+        None, flags=cv2.SOLVEPNP_SQPNP,
     )  # fmt: skip
-    if (
-        not is_solved
-        or not (np.isfinite(rotation_vector).all() and np.isfinite(translation).all())
-        or translation[2] <= 0.0
-    ):
+    numbers = np.append(rotation_vector, translation)
+    if not is_solved or not np.isfinite(numbers).all() or translation[2] <= 0.0:
         raise TrackingModelError(
             "the points do not determine the pose of the model; use at least four points that are "
             "not on one line, and check their pixels"

@@ -75,9 +75,7 @@ class MarkerTracker(EdgeTrackerBase):
             spreads.append(compute_crossing_spread(sides) / scale)
         accuracy = self.accuracy / camera.K[0]
         if self.choice.board is None:
-            return TrackedPoints(
-                corners[0], None, accuracy, marker=found[0].name, spread=spreads[0]
-            )
+            return TrackedPoints(corners[0], None, accuracy, 0.0, found[0].name, spreads[0])
         places = np.concatenate([self.choice.compute_marker_corners(one.name) for one in found])
         rectangle = self.choice.compute_board_corners()
         H, _ = cv2.findHomography(places, np.concatenate(corners))
@@ -134,8 +132,8 @@ class MarkerTracker(EdgeTrackerBase):
                 darkness = (white - values) / (white - black)
                 edge_offset = np.trapezoid(darkness, across, axis=1) - reach
                 edge = stations + edge_offset[:, None] * normal
-                place, (dx, dy) = self._fit_robust_line(edge)
-                lines.append((place, np.array([dx, dy])))
+                place, (dx, dy) = line = self._fit_robust_line(edge)
+                lines.append(line)
                 near = edge[self._is_near(edge, *place, dx, dy)]
                 # Profiles less than one pixel apart have correlated errors, so they do not count as
                 # separate points.

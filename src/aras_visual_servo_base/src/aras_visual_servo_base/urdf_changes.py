@@ -100,36 +100,41 @@ def mount_camera(urdf: str, calibration: HandEyeCalibration, link: str, camera_f
     elif frame != moved:
         moved_T_frame[:3, :3] = LINK_R_OPTICAL
     joint = next((j for j in robot.findall("joint") if j.find("child").get("link") == moved), None)
-    if joint is None:
-        joint = ElementTree.SubElement(robot, "joint", name=f"{moved}_joint", type="fixed")
-        ElementTree.SubElement(joint, "child", link=moved)
-        if moved not in tree.links:
-            ElementTree.SubElement(robot, "link", name=moved)
-    elif joint.get("type") != "fixed":
+    if joint is not None and joint.get("type") != "fixed":
         raise HandEyeFileError(f"joint '{joint.get('name')}' moves {moved}: a hand-eye calibration "
                                "needs a camera that is fixed to its link; make the joint "
                                "fixed")  # fmt: skip
     if moved in tree.links and moved in (carrier, *(j.parent for j in tree.find_path("", carrier))):
         raise HandEyeFileError(f"link '{carrier}' is the camera itself or a child of it: set "
                                "hand_eye.link to the link that carries the camera")  # fmt: skip
-    _set_joint_pose(joint, carrier, calibration.link_T_camera @ inverse(moved_T_frame))
+    link_T_moved = calibration.link_T_camera @ inverse(moved_T_frame)
+    if joint is None:
+        add_fixed_joint(robot, carrier, moved, link_T_moved)
+    else:
+        _set_joint_pose(joint, carrier, link_T_moved)
+    if moved not in tree.links:
+        ElementTree.SubElement(robot, "link", name=moved)
     placed = frame == camera_frame or moved not in tree.links
     if placed and camera_frame not in (*tree.links, moved) and moved not in tree.cameras:
-        name = f"{camera_frame}_joint"
-        joint = ElementTree.SubElement(robot, "joint", name=name, type="fixed")
-        ElementTree.SubElement(joint, "child", link=camera_frame)
+        add_fixed_joint(robot, moved, camera_frame, optical_pose(np.eye(4)))
         ElementTree.SubElement(robot, "link", name=camera_frame)
-        _set_joint_pose(joint, moved, optical_pose(np.eye(4)))
     return ElementTree.tostring(robot, encoding="unicode")
+
+
+def add_fixed_joint(
+    robot: ElementTree.Element, parent: str, child: str, parent_T_child: np.ndarray
+) -> None:
+    """Add a fixed joint between two links at the pose parent_T_child (4, 4)."""
+    joint = ElementTree.SubElement(robot, "joint", name=f"{child}_joint", type="fixed")
+    ElementTree.SubElement(joint, "child", link=child)
+    _set_joint_pose(joint, parent, parent_T_child)
 
 
 def _set_joint_pose(joint: ElementTree.Element, parent: str, parent_T_child: np.ndarray) -> None:
     """Attach the joint's child to the link `parent` at the pose parent_T_child (4, 4)."""
     for old in (*joint.findall("parent"), *joint.findall("origin")):
         joint.remove(old)
-    xyz, rpy = (
-        " ".join(repr(float(v)) for v in part) for part in xyz_rpy_from_matrix(parent_T_child)
-    )
+    xyz, rpy = (" ".join(map(repr, part)) for part in xyz_rpy_from_matrix(parent_T_child))
     ElementTree.SubElement(joint, "parent", link=parent)
     ElementTree.SubElement(joint, "origin", xyz=xyz, rpy=rpy)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from aras_visual_servo_base.names import suggest
-from aras_visual_servo_base.poses import xyz_rpy_from_matrix
+from aras_visual_servo_base.urdf_changes import add_fixed_joint
 
 from ..errors import ExperimentError
 
@@ -35,21 +35,8 @@ def with_link(urdf: str, name: str, parent: str, parent_T_link: np.ndarray) -> s
     """
     robot = ElementTree.fromstring(urdf)
     ElementTree.SubElement(robot, "link", name=name)
-    _attach(robot, parent, name, parent_T_link)
+    add_fixed_joint(robot, parent, name, parent_T_link)
     return ElementTree.tostring(robot, encoding="unicode")
-
-
-def _attach(
-    robot: ElementTree.Element, parent: str, child: str, parent_T_child: np.ndarray
-) -> None:
-    """Add a fixed joint between two links, at the pose parent_T_child (4, 4)."""
-    joint = ElementTree.SubElement(robot, "joint", name=f"{child}_joint", type="fixed")
-    ElementTree.SubElement(joint, "parent", link=parent)
-    ElementTree.SubElement(joint, "child", link=child)
-    xyz, rpy = (
-        " ".join(map(repr, map(float, part))) for part in xyz_rpy_from_matrix(parent_T_child)
-    )
-    ElementTree.SubElement(joint, "origin", xyz=xyz, rpy=rpy)
 
 
 def with_target(urdf: str, name: str, target: MountedTarget, where: str) -> str:
@@ -73,5 +60,5 @@ def with_target(urdf: str, name: str, target: MountedTarget, where: str) -> str:
     for element in target_model.findall("gazebo[@reference]"):
         element.set("reference", name)
         robot.append(element)
-    _attach(robot, target.link, name, target.pose)
+    add_fixed_joint(robot, target.link, name, target.pose)
     return ElementTree.tostring(robot, encoding="unicode")

@@ -38,7 +38,6 @@ from .target_orientation import TargetOrientation, full_alpha
 PAPER_FEATURES = ("xn", "yn", "an", "alpha")
 
 
-
 @dataclass(frozen=True)
 class Reference:
     """Area, depth and orientation of the desired view, on which an, xn, yn and alpha_full depend.

@@ -194,24 +194,30 @@ def construct(
             is missing, or the constructor fails.
     """
     try:
-        signature = inspect.signature(cls)
-    except (TypeError, ValueError):
-        signature = None  # the class has no signature, so the options cannot be checked
-    if signature is not None:
-        kinds = {key: one.kind for key, one in signature.parameters.items()}
-        named = (inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
-        taken = sorted(key for key, one in kinds.items() if one in named)
-        if inspect.Parameter.VAR_KEYWORD not in kinds.values():
-            for option in options:
-                if option not in taken:
-                    raise fault(f"{kind} '{name}' takes no '{option}': {suggest(option, taken)}")
-        try:
-            signature.bind(*arguments, **options)
-        except TypeError as error:
-            raise fault(f"{kind} '{name}': {error}") from error
-    try:
         return cls(*arguments, **options)
     except fault:
         raise
     except USER_FAULTS as error:
-        raise fault(f"{kind} '{name}': its constructor raised {format_error(error)}") from error
+        reason = _explain_arguments(cls, arguments, options)
+        reason = reason or f": its constructor raised {format_error(error)}"
+        raise fault(f"{kind} '{name}'{reason}") from error
+
+
+def _explain_arguments(cls: type, arguments: tuple, options: Mapping[str, object]) -> str:
+    """Return why the constructor of a class does not accept arguments; '' if it accepts them."""
+    try:
+        signature = inspect.signature(cls)
+    except (TypeError, ValueError):
+        return ""  # the class has no signature, so the arguments cannot be checked
+    kinds = {key: one.kind for key, one in signature.parameters.items()}
+    named = (inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    taken = sorted(key for key, kind in kinds.items() if kind in named)
+    if inspect.Parameter.VAR_KEYWORD not in kinds.values():
+        for option in options:
+            if option not in taken:
+                return f" takes no '{option}': {suggest(option, taken)}"
+    try:
+        signature.bind(*arguments, **options)
+    except TypeError as error:
+        return f": {error}"
+    return ""

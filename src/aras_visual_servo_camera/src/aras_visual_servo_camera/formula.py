@@ -62,21 +62,19 @@ def compile_formulas(
     known: dict[str, tuple[str, dict[str, str]]] = {}
 
     def add(name: str) -> tuple[str, dict[str, str]]:
-        if name not in known:
-            formula = find_formula(name)
-            if formula is None:
-                lines.append(f"{name} = {find_source(name)}")
-                same = same_slope.get(name)
-                known[name] = name, {name: "1.0"} if same is None else add(same)[1]
-            else:
-                known[name] = add_formula(formula)
-        return known[name]
-
-    def add_formula(formula: Formula) -> tuple[str, dict[str, str]]:
-        arguments = [add(name) for name in formula.names]
+        """Write the source of a formula or leaf once, and return its entry in `known`."""
+        if name in known:
+            return known[name]
+        formula = find_formula(name)
+        if formula is None:
+            lines.append(f"{name} = {find_source(name)}")
+            same = same_slope.get(name)
+            known[name] = name, {name: "1.0"} if same is None else add(same)[1]
+            return known[name]
+        arguments = [add(argument) for argument in formula.names]
         variable = f"_{len(known)}"
         partials = [f"{variable}_{k}" for k in range(len(arguments))]
-        values = {name: add(name)[0] for name in formula.names}
+        values = {argument: known[argument][0] for argument in formula.names}
         expression = _rename_variables(formula.body, values)
         lines.append(f"{', '.join([variable, *partials])} = {expression}")
         terms: dict[str, list[str]] = {}
@@ -86,7 +84,8 @@ def compile_formulas(
                 terms.setdefault(leaf, []).append(product)
         slopes = {leaf: f"{variable}_by_{k}" for k, leaf in enumerate(terms)}
         lines.extend(f"{slopes[leaf]} = {' + '.join(terms[leaf])}" for leaf in terms)
-        return variable, slopes
+        known[name] = variable, slopes
+        return known[name]
 
     found = [add(name) for name in names]
     rows = (_format_tuple(slopes.get(n, "0.0") for n in leaves) for _, slopes in found)

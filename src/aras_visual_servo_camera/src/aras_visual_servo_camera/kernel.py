@@ -26,17 +26,15 @@ KERNEL_POWER = -2  # exponent p of the weighting functions x^p and y^p
 
 @dataclass(frozen=True, eq=False)
 class KernelFeatures:
-    """Kernel features and their Jacobian.
+    """Kernel features and the inverse of their Jacobian.
 
     Attributes:
         values: (4,) kernel0 ... kernel3, which `compute_kernel_features` defines.
-        jacobian: (4, 4) Jacobian of the features; its columns belong to the camera's translation
+        inverse: (4, 4) inverse of the Jacobian, whose columns belong to the camera's translation
             along x, y, z and its rotation theta about the optical axis.
-        inverse: (4, 4) inverse of the Jacobian.
     """
 
     values: Array
-    jacobian: Array
     inverse: Array
 
     def to_message_data(self) -> list[float]:
@@ -86,7 +84,7 @@ def compute_kernel_features(mask: NDArray[np.uint8]) -> KernelFeatures:
     jacobian[1, 3] = -x @ is_target @ dy
     jacobian[2, 2] = 2.0 * count
     jacobian[3, 3] = -1.0
-    return KernelFeatures(values, jacobian, np.linalg.inv(jacobian))
+    return KernelFeatures(values, np.linalg.inv(jacobian))
 
 
 def compute_outline_kernel_features(

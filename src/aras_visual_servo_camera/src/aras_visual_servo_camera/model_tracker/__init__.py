@@ -3,6 +3,4 @@
 from .solid import Solid, read_solid
 from .solid_tracking import SolidTracking, TrackedPose
 
-__all__ = [
-    "TrackedPose", "SolidTracking", "Solid", "read_solid",
-]  # fmt: skip
+__all__ = ["Solid", "SolidTracking", "TrackedPose", "read_solid"]

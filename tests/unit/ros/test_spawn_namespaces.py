@@ -5,6 +5,7 @@ from xml.etree import ElementTree
 import pytest
 
 from aras_sim_bridge.description import CameraPlugin
+from aras_sim_bridge.description.element_reader import ElementReader
 from aras_sim_bridge.description.plugins import PLUGINS
 from aras_sim_bridge.ros.gazebo_api.spawn_requests import set_namespace
 
@@ -22,7 +23,7 @@ def test_every_plugin_takes_the_requested_namespace_unless_it_names_one(
     root = ElementTree.fromstring(
         f"<robot><gazebo><plugin filename='lib{file}.so'>{own}</plugin></gazebo></robot>")
     set_namespace(root, requested)
-    made = PLUGINS[file](root.find("gazebo/plugin"), "test")
+    made = PLUGINS[file](ElementReader(root.find("gazebo/plugin"), "test: "))
     found = made.namespace if hasattr(made, "namespace") else made.robot_namespace
     assert found is not None and found.strip("/") == namespace
 
@@ -30,4 +31,5 @@ def test_every_plugin_takes_the_requested_namespace_unless_it_names_one(
 def test_without_a_request_each_plugin_keeps_its_default():
     root = ElementTree.fromstring("<robot><plugin filename='libgazebo_ros_camera.so'/></robot>")
     set_namespace(root, "")
-    assert PLUGINS["gazebo_ros_camera"](root.find("plugin"), "test") == CameraPlugin()
+    plugin = ElementReader(root.find("plugin"), "test: ")
+    assert PLUGINS["gazebo_ros_camera"](plugin) == CameraPlugin()

@@ -4,6 +4,7 @@ from dataclasses import replace
 from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description import plugins
+from aras_sim_bridge.description.element_reader import ElementReader
 from aras_sim_bridge.description.types import (
     CameraDescription,
     CameraPlugin,
@@ -11,14 +12,7 @@ from aras_sim_bridge.description.types import (
     PixelNoise,
 )
 from aras_sim_bridge.errors import DescriptionError
-from aras_visual_servo_base.safe_xml import (
-    find_text,
-    parse_bool,
-    parse_integer,
-    parse_number,
-    parse_numbers,
-    shorten,
-)
+from aras_visual_servo_base.safe_xml import shorten
 from aras_visual_servo_base.urdf import read_camera_pose
 
 _LENSES = ("gnomonical", "stereographic", "equidistant", "equisolid_angle", "orthographic",
@@ -70,15 +64,14 @@ def read_cameras(sensor: Element, link: str, warnings: list[str]) -> list[Camera
 
 
 def _read_camera(sensor: Element, node: Element, name: str, link: str, where: str,
-            plugin: CameraPlugin | None, warnings: list[str]) -> CameraDescription:
+                 plugin: CameraPlugin | None, warnings: list[str]) -> CameraDescription:
     """Read the camera that `node`, a <camera> of `sensor`, describes."""
-    image, clip = node.find("image"), node.find("clip")
-    near = parse_number(find_text(clip, "near"), f"{where}: clip near", 0.1)
-    far = parse_number(find_text(clip, "far"), f"{where}: clip far", 100.0)
-    width = parse_integer(find_text(image, "width"), f"{where}: image width", 320)
-    height = parse_integer(find_text(image, "height"), f"{where}: image height", 240)
-    rate = parse_number(find_text(sensor, "update_rate"), f"{where}: update_rate", 0.0)
-    fov = parse_number(find_text(node, "horizontal_fov"), f"{where}: horizontal_fov", 1.047)
+    camera = ElementReader(node, f"{where}: ")
+    image, clip = camera.get_child("image"), camera.get_child("clip")
+    near, far = clip.read_number("near", 0.1), clip.read_number("far", 100.0)
+    width, height = image.read_integer("width", 320), image.read_integer("height", 240)
+    rate = ElementReader(sensor, f"{where}: ").read_number("update_rate", 0.0)
+    fov = camera.read_number("horizontal_fov", 1.047)
     kind = sensor.get("type") or "camera"
     widest = 6.283185307179587 if kind == "wideanglecamera" else 3.14159
     for wrong, problem in (
@@ -90,7 +83,13 @@ def _read_camera(sensor: Element, node: Element, name: str, link: str, where: st
     ):
         if wrong:
             raise DescriptionError(f"{where}: {problem}")
-    distortion, center = _read_distortion(node, where)
+    distortion, centre = camera.get_child("distortion"), (0.5, 0.5)
+    coefficients = None
+    if distortion.element is not None:
+        coefficients = tuple(
+            distortion.read_number(key, 0.0) for key in ("k1", "k2", "k3", "p1", "p2")
+        )
+        centre = distortion.read_numbers("center", 2, centre)
     return CameraDescription(
         name=name,
         link=link,
@@ -100,65 +99,46 @@ def _read_camera(sensor: Element, node: Element, name: str, link: str, where: st
         horizontal_fov=fov,
         width=width,
         height=height,
-        format=find_text(image, "format") or "R8G8B8",
+        format=image.read_text("format") or "R8G8B8",
         near=near,
         far=far,
-        noise=_read_noise(node, where),
-        distortion=distortion,
-        distortion_center=center,
-        lens=_read_lens(node, where, kind, warnings),
+        noise=_read_noise(camera.get_child("noise")),
+        distortion=coefficients,
+        distortion_center=centre,
+        lens=_read_lens(node.find("lens"), where, kind, warnings),
         plugin=plugin,
     )
 
 
-def _read_noise(node: Element, where: str) -> PixelNoise:
-    noise = node.find("noise")
-    if noise is None:
+def _read_noise(noise: ElementReader) -> PixelNoise:
+    if noise.element is None:
         return PixelNoise()
-    stddev = parse_number(find_text(noise, "stddev"), f"{where}: noise stddev", 0.0)
+    stddev = noise.read_number("stddev", 0.0)
     if stddev < 0.0:
-        raise DescriptionError(f"{where}: noise stddev is {stddev}; it must not be negative")
-    kind = find_text(noise, "type") or noise.get("type") or "gaussian"
-    return PixelNoise(
-        kind, parse_number(find_text(noise, "mean"), f"{where}: noise mean", 0.0), stddev
-    )
-
-
-def _read_distortion(
-    node: Element, where: str
-) -> tuple[tuple[float, ...] | None, tuple[float, ...]]:
-    distortion = node.find("distortion")
-    if distortion is None:
-        return None, (0.5, 0.5)
-    values = tuple(
-        parse_number(find_text(distortion, key), f"{where}: distortion {key}", 0.0)
-        for key in ("k1", "k2", "k3", "p1", "p2")
-    )
-    center = find_text(distortion, "center")
-    return values, parse_numbers(center, 2, f"{where}: distortion center", (0.5, 0.5))
+        raise DescriptionError(f"{noise.prefix}stddev is {stddev}; it must not be negative")
+    kind = noise.read_text("type") or noise.element.get("type") or "gaussian"
+    return PixelNoise(kind, noise.read_number("mean", 0.0), stddev)
 
 
 def _read_lens(
-    node: Element, where: str, camera: str, warnings: list[str]
+    element: Element | None, where: str, camera: str, warnings: list[str]
 ) -> LensDescription | None:
-    lens = node.find("lens")
-    if lens is None:
+    if element is None:
         return None
-    kind = find_text(lens, "type") or "gnomonical"
+    lens = ElementReader(element, f"{where}: ")
+    kind = lens.read_text("type") or "gnomonical"
     if kind not in _LENSES:
         raise DescriptionError(
             f"{where}: lens type '{shorten(kind)}' is unknown; use one of {', '.join(_LENSES)}"
         )
-    given = lens.find("intrinsics")
-    intrinsics = None
-    if given is not None and camera == "wideanglecamera":
+    given, intrinsics = lens.get_child("intrinsics"), None
+    if given.element is not None and camera == "wideanglecamera":
         warnings.append(f"{where}: <intrinsics> is ignored, because a wideanglecamera has none; "
                         "remove <intrinsics>")
-    elif given is not None:
+    elif given.element is not None:
         # SDF's default intrinsics, px.
         defaults = {"fx": 277.0, "fy": 277.0, "cx": 160.0, "cy": 120.0}
-        intrinsics = tuple(parse_number(find_text(given, key), f"{where}: intrinsics {key}", value)
-                           for key, value in defaults.items())
+        intrinsics = tuple(given.read_number(key, value) for key, value in defaults.items())
         if min(intrinsics[:2]) <= 0.0:
             raise DescriptionError(f"{where}: intrinsics fx {intrinsics[0]} and fy {intrinsics[1]} "
                                    "are focal lengths in pixels; they must be positive")
@@ -168,7 +148,6 @@ def _read_lens(
     return LensDescription(
         intrinsics=intrinsics,
         kind=kind,
-        scale_to_hfov=parse_bool(find_text(lens, "scale_to_hfov"), f"{where}: scale_to_hfov", True),
-        cutoff_angle=parse_number(find_text(lens, "cutoff_angle"), f"{where}: cutoff_angle",
-                            LensDescription.cutoff_angle),
+        scale_to_hfov=lens.read_bool("scale_to_hfov", True),
+        cutoff_angle=lens.read_number("cutoff_angle", LensDescription.cutoff_angle),
     )

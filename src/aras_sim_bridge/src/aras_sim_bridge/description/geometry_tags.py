@@ -20,48 +20,32 @@ Resolve = Callable[[str, str], str]
 _SMALLEST_SIZE = 1e-4  # size used for a shape whose size is zero, m; as in Gazebo
 
 
-def read_urdf_geometry(element: Element, where: str, resolve: Resolve, warnings: list[str]
-                  ) -> Geometry | None:
-    """Read the shape in a URDF visual's or collision's `<geometry>`.
+def read_geometry(
+    element: Element, where: str, resolve: Resolve, warnings: list[str], is_sdf: bool
+) -> Geometry | None:
+    """Read the shape of a visual or collision.
 
-    A size of zero becomes 0.1 mm, as in Gazebo.
+    URDF contains the size of a shape in attributes, SDF in child elements. A size of zero becomes
+    0.1 mm, as in Gazebo. SDF's submeshes are not supported.
 
     Returns:
-        The shape. If it is not supported, None; `warnings` then gets a sentence.
+        The shape. If it is empty, None. If it is not supported, None; `warnings` then gets a
+        sentence.
 
     Raises:
         DescriptionError: a size is negative or not a number.
     """
-    return _read_or_warn(lambda shape: _read_geometry(
-        shape, where, resolve, shape.get, "filename", warnings), element, where, warnings)
-
-
-def read_sdf_geometry(element: Element, where: str, resolve: Resolve, warnings: list[str]
-                 ) -> Geometry | None:
-    """Read the shape of an SDF visual or collision; see `read_urdf_geometry`.
-
-    Unlike in URDF, a plane has a size. Submeshes are not supported.
-    """
-
-    def read(shape: Element) -> Geometry:
-        if shape.find("submesh") is not None:
+    shape = element.find("geometry/*")
+    if shape is not None and shape.tag == "empty" and is_sdf:
+        return None
+    try:
+        if shape is None:
+            raise UnsupportedPartError(f"{where}: <geometry> with a shape is missing; add it")
+        if is_sdf and shape.find("submesh") is not None:
             raise UnsupportedPartError(
                 f"{where}: <submesh> is not supported; save the submesh in a separate file"
             )
-        return _read_geometry(
-            shape, where, resolve, lambda tag: find_text(shape, tag), "uri", warnings, (1.0, 1.0)
-        )
-
-    if element.find("geometry/empty") is not None:
-        return None
-    return _read_or_warn(read, element, where, warnings)
-
-
-def _read_or_warn(
-    read: Callable[[Element], Geometry], element: Element, where: str, warnings: list[str]
-) -> Geometry | None:
-    try:
-        return read(_find_shape(element, where))
+        return _read_shape(shape, where, resolve, warnings, is_sdf)
     except UnsupportedPartError as error:
         warnings.append(f"{error}; the {element.tag} is ignored")
         return None
@@ -90,24 +74,12 @@ def read_bounce(collision: Element, where: str) -> tuple[float, float] | None:
     return share, least
 
 
-def _find_shape(element: Element, where: str) -> Element:
-    node = element.find("geometry")
-    shape = next(iter(node), None) if node is not None else None
-    if shape is None:
-        raise UnsupportedPartError(f"{where}: <geometry> with a shape is missing; add it")
-    return shape
+def _read_shape(
+    shape: Element, where: str, resolve: Resolve, warnings: list[str], is_sdf: bool
+) -> Geometry:
+    def value(key: str) -> str | None:
+        return find_text(shape, key) if is_sdf else shape.get(key)
 
-
-def _read_geometry(shape: Element, where: str, resolve: Resolve, value: Callable[[str], str | None],
-              file: str, warnings: list[str], plane: tuple[float, float] = (0.0, 0.0)
-              ) -> Geometry:
-    """Read a shape element.
-
-    Args:
-        value: function that returns the text of a setting of the shape, given the setting's name.
-        file: name of the setting that contains the URI of a mesh.
-        plane: default size of a plane, m.
-    """
     kind = shape.tag
 
     def read_positive(key: str, count: int, default: tuple[float, ...] | None = None) -> tuple:
@@ -132,9 +104,11 @@ def _read_geometry(shape: Element, where: str, resolve: Resolve, value: Callable
     if kind == "sphere":
         return Geometry(kind, radius=read_positive("radius", 1)[0])
     if kind == "plane":  # the URDF standard has no <plane>, but Bullet and this reader accept it
+        default = (1.0, 1.0) if is_sdf else (0.0, 0.0)
         normal = parse_direction(value("normal"), f"{where}: plane normal", (0.0, 0.0, 1.0))
-        return Geometry(kind, size=(*read_positive("size", 2, plane), 0.0), normal=normal)
+        return Geometry(kind, size=(*read_positive("size", 2, default), 0.0), normal=normal)
     if kind == "mesh":
+        file = "uri" if is_sdf else "filename"
         uri = value(file)
         if not uri:
             raise UnsupportedPartError(f"{where}: <mesh> has no {file}; add the path of the file")

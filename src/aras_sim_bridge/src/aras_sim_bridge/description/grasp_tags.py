@@ -7,14 +7,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 from xml.etree.ElementTree import Element
 
+from aras_sim_bridge.description.element_reader import ElementReader
 from aras_sim_bridge.description.types import GraspFixPlugin, GripperDescription, Link
-from aras_visual_servo_base.safe_xml import (
-    find_text,
-    parse_bool,
-    parse_integer,
-    parse_number,
-    shorten,
-)
+from aras_visual_servo_base.safe_xml import find_text, shorten
 
 _WHERE = "plugin gazebo_grasp_fix"
 
@@ -25,20 +20,16 @@ def read(plugin: Element) -> GraspFixPlugin:
     Raises:
         DescriptionError: an element is not a number.
     """
-    def read_value(tag: str, default: float) -> float:
-        return parse_number(find_text(plugin, tag), f"{_WHERE}: {tag}", default)
-
-    most = parse_integer(find_text(plugin, "max_grip_count"), f"{_WHERE}: max_grip_count", 10)
+    reader = ElementReader(plugin, f"{_WHERE}: ")
+    most = reader.read_integer("max_grip_count", 10)
     return GraspFixPlugin(
         arms=tuple(_read_arm(arm) for arm in plugin.findall("arm")),
-        angle=math.radians(read_value("forces_angle_tolerance", 120.0)),
-        rate=read_value("update_rate", 5.0),
+        angle=math.radians(reader.read_number("forces_angle_tolerance", 120.0)),
+        rate=reader.read_number("update_rate", 5.0),
         most=most,
-        threshold=parse_integer(find_text(plugin, "grip_count_threshold"),
-                          f"{_WHERE}: grip_count_threshold", most // 2),
-        release_tolerance=read_value("release_tolerance", 0.005),
-        collides=not parse_bool(find_text(plugin, "disable_collisions_on_attach"),
-                           f"{_WHERE}: disable_collisions_on_attach", False),
+        threshold=reader.read_integer("grip_count_threshold", most // 2),
+        release_tolerance=reader.read_number("release_tolerance", 0.005),
+        collides=not reader.read_bool("disable_collisions_on_attach", False),
     )
 
 

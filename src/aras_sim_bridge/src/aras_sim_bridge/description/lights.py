@@ -5,17 +5,11 @@ from __future__ import annotations
 import math
 from xml.etree.ElementTree import Element
 
+from aras_sim_bridge.description.element_reader import ElementReader
 from aras_sim_bridge.description.types import SHADOWS, Light, Rgba, SceneSettings
 from aras_sim_bridge.errors import DescriptionError, WorldError
 from aras_visual_servo_base.poses import Pose
-from aras_visual_servo_base.safe_xml import (
-    find_text,
-    parse_bool,
-    parse_direction,
-    parse_number,
-    parse_numbers,
-    shorten,
-)
+from aras_visual_servo_base.safe_xml import find_text, parse_numbers, shorten
 
 _DIRECTION_FIELDS = ("origin_xyz", "origin_rpy", "direction")
 _STRENGTH_FIELDS = ("diffuse", "specular", "attenuation_constant", "attenuation_linear",
@@ -60,24 +54,26 @@ def read_light(element: Element, pose: Pose) -> Light:
     if kind not in ("directional", "point", "spot"):
         raise DescriptionError(f"{where}: type '{shorten(kind)}' is unknown; use directional, "
                                "point or spot")
-    fade, spot = element.find("attenuation"), element.find("spot")
-
-    def read_rgba(tag: str, default: Rgba) -> Rgba:
-        return _read_rgba(element, tag, where, default)
-
+    light = ElementReader(element, f"{where}: ")
+    fade, spot = light.get_child("attenuation"), light.get_child("spot")
     return Light(
-        element.get("name"), kind, pose.xyz, pose.rpy,
-        read_rgba("diffuse", (1.0, 1.0, 1.0, 1.0)), read_rgba("specular", (0.1, 0.1, 0.1, 1.0)),
-        parse_direction(find_text(element, "direction"), f"{where}: direction", (0.0, 0.0, -1.0)),
-        parse_number(find_text(fade, "constant"), f"{where}: attenuation constant", 1.0),
-        parse_number(find_text(fade, "linear"), f"{where}: attenuation linear", 1.0),
-        parse_number(find_text(fade, "quadratic"), f"{where}: attenuation quadratic", 0.0),
-        parse_number(find_text(fade, "range"), f"{where}: attenuation range", 10.0),
-        parse_number(find_text(spot, "inner_angle"), f"{where}: spot inner_angle", 0.6),
-        parse_number(find_text(spot, "outer_angle"), f"{where}: spot outer_angle", 1.0),
-        parse_number(find_text(spot, "falloff"), f"{where}: spot falloff", 1.0),
-        parse_bool(find_text(element, "cast_shadows"), f"{where}: cast_shadows", False),
-        _read_intervals(find_text(element, "aras:shines"), f"{where}: aras:shines"))
+        name=element.get("name"),
+        kind=kind,
+        origin_xyz=pose.xyz,
+        origin_rpy=pose.rpy,
+        diffuse=_read_rgba(light, "diffuse", (1.0, 1.0, 1.0, 1.0)),
+        specular=_read_rgba(light, "specular", (0.1, 0.1, 0.1, 1.0)),
+        direction=light.read_direction("direction", (0.0, 0.0, -1.0)),
+        attenuation_constant=fade.read_number("constant", 1.0),
+        attenuation_linear=fade.read_number("linear", 1.0),
+        attenuation_quadratic=fade.read_number("quadratic", 0.0),
+        attenuation_range=fade.read_number("range", 10.0),
+        spot_inner=spot.read_number("inner_angle", 0.6),
+        spot_outer=spot.read_number("outer_angle", 1.0),
+        spot_falloff=spot.read_number("falloff", 1.0),
+        cast_shadows=light.read_bool("cast_shadows", False),
+        lit_intervals=_read_intervals(light.read_text("aras:shines"), f"{where}: aras:shines"),
+    )
 
 
 def read_scene(scene: Element | None) -> SceneSettings:
@@ -97,9 +93,10 @@ def read_scene(scene: Element | None) -> SceneSettings:
     if shadows not in SHADOWS:
         raise DescriptionError(f"scene: aras:shadows '{shorten(shadows)}' is unknown; use "
                                f"{', '.join(SHADOWS)}")
-    return SceneSettings(_read_rgba(scene, "ambient", "scene", plain.ambient),
-                        _read_rgba(scene, "background", "scene", plain.background),
-                        scene.find("sky") is not None, shadows)
+    colours = ElementReader(scene, "scene: ")
+    return SceneSettings(_read_rgba(colours, "ambient", plain.ambient),
+                         _read_rgba(colours, "background", plain.background),
+                         scene.find("sky") is not None, shadows)
 
 
 def _read_intervals(text: str | None, where: str) -> tuple[tuple[float, float], ...] | None:
@@ -115,11 +112,12 @@ def _read_intervals(text: str | None, where: str) -> tuple[tuple[float, float], 
     return pairs
 
 
-def _read_rgba(element: Element, tag: str, where: str, default: Rgba) -> Rgba:
-    text = find_text(element, tag)
+def _read_rgba(reader: ElementReader, tag: str, default: Rgba) -> Rgba:
+    text = reader.read_text(tag)
     if text is None:
         return default
-    values = parse_numbers(text if len(text.split()) != 3 else f"{text} 1", 4, f"{where}: {tag}")
+    where = reader.prefix + tag
+    values = parse_numbers(text if len(text.split()) != 3 else f"{text} 1", 4, where)
     if min(values) < 0.0:
-        raise DescriptionError(f"{where}: {tag} {text} must not be negative")
+        raise DescriptionError(f"{where} {text} must not be negative")
     return values

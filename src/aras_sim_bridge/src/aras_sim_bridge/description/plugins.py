@@ -7,6 +7,7 @@ from typing import TypeVar
 from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description import supported_elements
+from aras_sim_bridge.description.element_reader import ElementReader
 from aras_sim_bridge.description.types import (
     CameraPlugin,
     ControlPlugin,
@@ -16,14 +17,7 @@ from aras_sim_bridge.description.types import (
     SensorDescription,
 )
 from aras_sim_bridge.errors import DescriptionError
-from aras_visual_servo_base.poses import Vector3
-from aras_visual_servo_base.safe_xml import (
-    find_text,
-    parse_bool,
-    parse_number,
-    parse_numbers,
-    shorten,
-)
+from aras_visual_servo_base.safe_xml import find_text, shorten
 from aras_visual_servo_base.urdf import ZERO
 
 Plugin = ControlPlugin | CameraPlugin | SensorDescription | GraspFixPlugin | LinkAttacherPlugin
@@ -49,7 +43,7 @@ def read(element: Element, where: str, kinds: tuple[type[Kind], ...], warnings: 
         filename = shorten(plugin.get("filename") or "")
         name = filename.rpartition("/")[2].removeprefix("lib").removesuffix(".so")
         make = PLUGINS.get(name)
-        made = None if make is None else make(plugin, where)
+        made = None if make is None else make(ElementReader(plugin, f"{where}: "))
         if isinstance(made, kinds):
             found.append(made)
             warnings += supported_elements.describe_ignored_elements(
@@ -75,159 +69,144 @@ def _describe_mimic_plugin(plugin: Element, mimics: Collection[str]) -> str:
             f"joint='{shorten(joint)}'/>, which works")
 
 
-def _read_control(plugin: Element, where: str) -> ControlPlugin:
-    where = "plugin gazebo_ros_control"
-    period = find_text(plugin, "controlPeriod")
-    value = None if period is None else parse_number(period, f"{where}: controlPeriod")
-    if value is not None and value <= 0.0:
-        raise DescriptionError(f"{where}: controlPeriod is {value} s; it must be positive")
+def _read_control(plugin: ElementReader) -> ControlPlugin:
+    plugin = ElementReader(plugin.element, "plugin gazebo_ros_control: ")
+    period = None
+    if plugin.read_text("controlPeriod") is not None:
+        period = plugin.read_number("controlPeriod")
+        if period <= 0.0:
+            raise DescriptionError(
+                f"{plugin.prefix}controlPeriod is {period} s; it must be positive"
+            )
     return ControlPlugin(
-        robot_namespace=find_text(plugin, "robotNamespace"),
-        control_period=value,
-        e_stop_topic=find_text(plugin, "eStopTopic"),
+        robot_namespace=plugin.read_text("robotNamespace"),
+        control_period=period,
+        e_stop_topic=plugin.read_text("eStopTopic"),
     )
 
 
-def _read_camera(plugin: Element, where: str) -> CameraPlugin:
-    def read_value(tag: str) -> float:
-        return parse_number(find_text(plugin, tag), f"{where}: {tag}", 0.0)
-
+def _read_camera(plugin: ElementReader) -> CameraPlugin:
     return CameraPlugin(
-        robot_namespace=find_text(plugin, "robotNamespace") or "",
-        camera_name=find_text(plugin, "cameraName") or "",
-        image_topic=find_text(plugin, "imageTopicName") or "image_raw",
-        info_topic=find_text(plugin, "cameraInfoTopicName") or "camera_info",
-        frame_name=find_text(plugin, "frameName") or "",
-        update_rate=read_value("updateRate"),
-        hack_baseline=read_value("hackBaseline"),
-        cx=read_value("Cx"),
-        cy=read_value("Cy"),
-        focal_length=read_value("focalLength"),
-        distortion=(
-            read_value("distortionK1"),
-            read_value("distortionK2"),
-            read_value("distortionK3"),
-            read_value("distortionT1"),
-            read_value("distortionT2"),
+        robot_namespace=plugin.read_text("robotNamespace") or "",
+        camera_name=plugin.read_text("cameraName") or "",
+        image_topic=plugin.read_text("imageTopicName") or "image_raw",
+        info_topic=plugin.read_text("cameraInfoTopicName") or "camera_info",
+        frame_name=plugin.read_text("frameName") or "",
+        update_rate=plugin.read_number("updateRate", 0.0),
+        hack_baseline=plugin.read_number("hackBaseline", 0.0),
+        cx=plugin.read_number("Cx", 0.0),
+        cy=plugin.read_number("Cy", 0.0),
+        focal_length=plugin.read_number("focalLength", 0.0),
+        distortion=tuple(
+            plugin.read_number(f"distortion{name}", 0.0) for name in ("K1", "K2", "K3", "T1", "T2")
         ),
-        auto_distortion=parse_bool(
-            find_text(plugin, "autoDistortion"), f"{where}: autoDistortion", False
-        ),
+        auto_distortion=plugin.read_bool("autoDistortion", False),
     )
 
 
-def _read_triggered_camera(plugin: Element, where: str) -> CameraPlugin:
-    topic = find_text(plugin, "triggerTopicName") or "image_trigger"
-    return replace(_read_camera(plugin, where), trigger_topic=topic)
+def _read_triggered_camera(plugin: ElementReader) -> CameraPlugin:
+    topic = plugin.read_text("triggerTopicName") or "image_trigger"
+    return replace(_read_camera(plugin), trigger_topic=topic)
 
 
-def _read_depth(plugin: Element, where: str, depth: DepthDescription) -> CameraPlugin:
+def _read_depth(plugin: ElementReader, depth: DepthDescription) -> CameraPlugin:
     """Read the plug-in of a depth camera; `depth` contains the defaults for this plug-in."""
-    made = _read_camera(plugin, where)
-    nearest = parse_number(find_text(plugin, "pointCloudCutoff"), f"{where}: pointCloudCutoff", 0.4)
-    millimetres = parse_bool(
-        find_text(plugin, "useDepth16UC1Format"), f"{where}: useDepth16UC1Format", False)
     return replace(
-        made,
-        image_topic=find_text(plugin, "imageTopicName") or "ir/image_raw",
-        info_topic=find_text(plugin, "cameraInfoTopicName") or "ir/camera_info",
+        _read_camera(plugin),
+        image_topic=plugin.read_text("imageTopicName") or "ir/image_raw",
+        info_topic=plugin.read_text("cameraInfoTopicName") or "ir/camera_info",
         depth=replace(
-            depth, nearest=nearest, millimetres=millimetres,
-            image=find_text(plugin, "depthImageTopicName") or depth.image,
-            info=find_text(plugin, "depthImageCameraInfoTopicName") or depth.info,
-            points=find_text(plugin, "pointCloudTopicName") or "points",
+            depth,
+            nearest=plugin.read_number("pointCloudCutoff", 0.4),
+            millimetres=plugin.read_bool("useDepth16UC1Format", False),
+            image=plugin.read_text("depthImageTopicName") or depth.image,
+            info=plugin.read_text("depthImageCameraInfoTopicName") or depth.info,
+            points=plugin.read_text("pointCloudTopicName") or "points",
         ),
     )
 
 
-def _read_depth_camera(plugin: Element, where: str) -> CameraPlugin:
-    return _read_depth(plugin, where, DepthDescription(rows=False))
+def _read_depth_camera(plugin: ElementReader) -> CameraPlugin:
+    return _read_depth(plugin, DepthDescription(rows=False))
 
 
-def _read_kinect(plugin: Element, where: str) -> CameraPlugin:
-    farthest = parse_number(
-        find_text(plugin, "pointCloudCutoffMax"), f"{where}: pointCloudCutoffMax", 5.0
-    )
-    return _read_depth(plugin, where, DepthDescription(farthest=farthest))
+def _read_kinect(plugin: ElementReader) -> CameraPlugin:
+    farthest = plugin.read_number("pointCloudCutoffMax", 5.0)
+    return _read_depth(plugin, DepthDescription(farthest=farthest))
 
 
-def _read_sensor(plugin: Element, where: str, kind: str, **settings: object) -> SensorDescription:
-    """Read the settings that all motion and force sensor plug-ins have in common."""
+def _read_sensor(plugin: ElementReader, kind: str, **settings: object) -> SensorDescription:
+    """Read the settings that all motion and force sensor plug-ins have in common.
 
-    def read_vector(tag: str) -> Vector3:
-        return parse_numbers(find_text(plugin, tag), 3, f"{where}: {tag}", ZERO)
-
-    noise = parse_number(find_text(plugin, "gaussianNoise"), f"{where}: gaussianNoise", 0.0)
-    rate = parse_number(find_text(plugin, "updateRate"), f"{where}: updateRate", 0.0)
+    `settings` replace those of the plug-in's elements.
+    """
     made = SensorDescription(
         kind,
-        find_text(plugin, "topicName") or "",
-        namespace=find_text(plugin, "robotNamespace") or "",
-        frame=find_text(plugin, "frameName") or "",
-        rate=rate,
-        noise=noise,
-        offset=(read_vector("xyzOffset"), read_vector("rpyOffset")),
-        link=find_text(plugin, "bodyName") or "",
+        plugin.read_text("topicName") or "",
+        namespace=plugin.read_text("robotNamespace") or "",
+        frame=plugin.read_text("frameName") or "",
+        rate=plugin.read_number("updateRate", 0.0),
+        noise=plugin.read_number("gaussianNoise", 0.0),
+        offset=(plugin.read_numbers("xyzOffset", 3, ZERO),
+                plugin.read_numbers("rpyOffset", 3, ZERO)),
+        link=plugin.read_text("bodyName") or "",
     )
     made = replace(made, **settings)
-    for name, value in (("the noise", made.noise), ("the rate", made.rate)):
+    for name, value in (("noise", made.noise), ("rate", made.rate)):
         if value < 0.0:
-            raise DescriptionError(f"{where}: {name} is {value}; it must not be negative")
+            raise DescriptionError(f"{plugin.prefix}the {name} is {value}; it must not be negative")
     return made
 
 
-def _read_pose_sensor(plugin: Element, where: str) -> SensorDescription:
-    return _read_sensor(plugin, where, "pose", frame=find_text(plugin, "frameName") or "world")
+def _read_pose_sensor(plugin: ElementReader) -> SensorDescription:
+    return _read_sensor(plugin, "pose", frame=plugin.read_text("frameName") or "world")
 
 
-def _read_body_imu(plugin: Element, where: str) -> SensorDescription:
-    topic = find_text(plugin, "topicName")
-    return _read_sensor(plugin, where, "body_imu", topic="/default_imu" if topic is None else topic)
+def _read_body_imu(plugin: ElementReader) -> SensorDescription:
+    topic = plugin.read_text("topicName")
+    return _read_sensor(plugin, "body_imu", topic="/default_imu" if topic is None else topic)
 
 
-def _read_imu(plugin: Element, where: str) -> SensorDescription:
-    reference = "initialOrientationAsReference"
+def _read_imu(plugin: ElementReader) -> SensorDescription:
     return _read_sensor(
-        plugin, where, "imu", topic=find_text(plugin, "topicName") or "imu_data",
-        namespace=find_text(plugin, "robotNamespace"),
-        rate=parse_number(find_text(plugin, "updateRateHZ"), f"{where}: updateRateHZ", 1.0),
-        from_start=parse_bool(find_text(plugin, reference), f"{where}: {reference}", False),
+        plugin, "imu", topic=plugin.read_text("topicName") or "imu_data",
+        namespace=plugin.read_text("robotNamespace"),
+        rate=plugin.read_number("updateRateHZ", 1.0),
+        from_start=plugin.read_bool("initialOrientationAsReference", False),
     )
 
 
-def _read_wrench(plugin: Element, where: str) -> SensorDescription:
+def _read_wrench(plugin: ElementReader) -> SensorDescription:
+    return _read_sensor(plugin, "wrench", joint=plugin.read_text("jointName") or "", frame="")
+
+
+def _read_bumper(plugin: ElementReader) -> SensorDescription:
+    return _read_sensor(plugin, "contact", noise=0.0, rate=0.0,
+                        topic=plugin.read_text("bumperTopicName") or "bumper_states",
+                        frame=plugin.read_text("frameName") or "world")
+
+
+def _read_joint_states(plugin: ElementReader) -> SensorDescription:
+    names = (name.strip() for name in (plugin.read_text("jointName") or "").split(","))
     return _read_sensor(
-        plugin, where, "wrench", joint=find_text(plugin, "jointName") or "", frame=""
-    )
-
-
-def _read_bumper(plugin: Element, where: str) -> SensorDescription:
-    return _read_sensor(plugin, where, "contact",
-                   topic=find_text(plugin, "bumperTopicName") or "bumper_states",
-                   frame=find_text(plugin, "frameName") or "world", noise=0.0, rate=0.0)
-
-
-def _read_joint_states(plugin: Element, where: str) -> SensorDescription:
-    names = (name.strip() for name in (find_text(plugin, "jointName") or "").split(","))
-    return _read_sensor(
-        plugin, where, "joint_states", topic="joint_states",
-        namespace=find_text(plugin, "robotNamespace"), frame="", noise=0.0,
-        rate=parse_number(find_text(plugin, "updateRate"), f"{where}: updateRate", 100.0),
+        plugin, "joint_states", topic="joint_states", frame="", noise=0.0,
+        namespace=plugin.read_text("robotNamespace"),
+        rate=plugin.read_number("updateRate", 100.0),
         joints=tuple(name for name in names if name))
 
 
-def _read_grasp(plugin: Element, _where: str) -> GraspFixPlugin:
+def _read_grasp(plugin: ElementReader) -> GraspFixPlugin:
     # imported late, because few robots have this plug-in
     from aras_sim_bridge.description import grasp_tags
 
-    return grasp_tags.read(plugin)
+    return grasp_tags.read(plugin.element)
 
 
-def _read_link_attacher(_plugin: Element, _where: str) -> LinkAttacherPlugin:
+def _read_link_attacher(_plugin: ElementReader) -> LinkAttacherPlugin:
     return LinkAttacherPlugin()
 
 
-PLUGINS: Mapping[str, Callable[[Element, str], Plugin]] = MappingProxyType({
+PLUGINS: Mapping[str, Callable[[ElementReader], Plugin]] = MappingProxyType({
     "gazebo_ros_control": _read_control,
     "gazebo_ros_camera": _read_camera,
     "gazebo_ros_multicamera": _read_camera,

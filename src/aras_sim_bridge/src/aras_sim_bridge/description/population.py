@@ -10,16 +10,11 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from aras_sim_bridge.description.element_reader import ElementReader
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.poses import Pose, Vector3
-from aras_visual_servo_base.safe_xml import (
-    find_text,
-    parse_integer,
-    parse_number,
-    parse_numbers,
-    shorten,
-)
+from aras_visual_servo_base.safe_xml import find_text, shorten
 from aras_visual_servo_base.urdf import ZERO
 
 # largest number of copies of one <population>; each is simulated separately
@@ -60,20 +55,21 @@ def place_copies(population: Element, warnings: list[str]) -> list[Element]:
 def _compute_positions(population: Element, where: str) -> list[Vector3]:
     """Return the positions of the copies in the world, m."""
     pose = safe_xml.parse_pose(find_text(population, "pose"), f"{where}: pose")
-    node = population.find("distribution")
-    kind = find_text(node, "type") or "random"
+    settings = ElementReader(population, f"{where}: ")
+    distribution = ElementReader(population.find("distribution"), f"{where}: ")
+    kind = distribution.read_text("type") or "random"
     if kind == "grid":
-        rows = _read_count(find_text(node, "rows"), f"{where}: rows")
-        columns = _read_count(find_text(node, "cols"), f"{where}: cols", LARGEST_POPULATION // rows)
-        step = parse_numbers(find_text(node, "step"), 3, f"{where}: step", (0.5, 0.5, 0.0))
+        rows = _read_count(distribution, "rows")
+        columns = _read_count(distribution, "cols", LARGEST_POPULATION // rows)
+        step = distribution.read_numbers("step", 3, (0.5, 0.5, 0.0))
         inside = [(j * step[0], i * step[1], 0.0) for i in range(rows) for j in range(columns)]
         corner = ((columns - 1) * step[0] / 2, (rows - 1) * step[1] / 2, 0.0)
     else:
-        count = _read_count(find_text(population, "model_count"), f"{where}: model_count")
+        count = _read_count(settings, "model_count")
         random = np.random.default_rng(zlib.crc32((population.get("name") or "").encode()))
         box, cylinder = population.find("box"), population.find("cylinder")
         if box is not None and kind in ("random", *_LINES):
-            size = parse_numbers(find_text(box, "size"), 3, f"{where}: size")
+            size = ElementReader(box, f"{where}: ").read_numbers("size", 3)
             if min(size) <= 0.0:
                 raise DescriptionError(f"{where}: size {size} must be positive")
             corner = tuple(side / 2 for side in size)
@@ -84,8 +80,8 @@ def _compute_positions(population: Element, where: str) -> list[Vector3]:
                 inside = [tuple(size[axis] * i / count if k == axis else corner[k]
                                 for k in range(3)) for i in range(count)]
         elif cylinder is not None and kind == "random":
-            radius = parse_number(find_text(cylinder, "radius"), f"{where}: radius")
-            length = parse_number(find_text(cylinder, "length"), f"{where}: length")
+            reader = ElementReader(cylinder, f"{where}: ")
+            radius, length = reader.read_number("radius"), reader.read_number("length")
             if radius <= 0.0 or length <= 0.0:
                 raise DescriptionError(f"{where}: radius and length must be positive")
             angle, share, height = random.random((3, count))
@@ -105,8 +101,8 @@ def _compute_positions(population: Element, where: str) -> list[Vector3]:
     return [moved.apply(tuple(one)) for one in inside]
 
 
-def _read_count(text: str | None, where: str, most: int = LARGEST_POPULATION) -> int:
-    value = parse_integer(text, where, 1)
+def _read_count(reader: ElementReader, tag: str, most: int = LARGEST_POPULATION) -> int:
+    value = reader.read_integer(tag, 1)
     if not 1 <= value <= most:
-        raise DescriptionError(f"{where} is {value}, must be 1 to {most}")
+        raise DescriptionError(f"{reader.prefix}{tag} is {value}, must be 1 to {most}")
     return value

@@ -106,18 +106,7 @@ def _unify_flag(flag: Element, where: str, warnings: list[str]) -> bool:
     return bool(word)
 
 
-def rotate_axes(joint: Element, pose: Pose, inner: str) -> None:
-    """Rotate a joint's axes from the frame of the model `inner` to that of the enclosing model.
-
-    Args:
-        pose: pose of the model `inner` in the enclosing model.
-    """
-    for axis in (*joint.findall("axis/xyz"), *joint.findall("axis2/xyz")):
-        frame = axis.get("expressed_in")
-        if frame == MODEL_FRAME:
-            rotation = Pose((0.0, 0.0, 0.0), pose.quat)
-            where = f"joint '{joint.get('name')}': axis"
-            vector = rotation.apply(parse_numbers(axis.text, 3, where))
-            axis.text = " ".join(map(repr, vector))
-        elif frame:
-            axis.set("expressed_in", f"{inner}::{frame}")
+def rotate_axis(axis: Element, pose: Pose, joint: Element) -> None:
+    """Rotate the axis of a joint from the frame with this pose to the frame that it is given in."""
+    vector = parse_numbers(axis.text, 3, f"joint '{joint.get('name')}': axis")
+    axis.text = " ".join(map(repr, Pose(quat=pose.quat).apply(vector)))

@@ -8,14 +8,14 @@ http://sdformat.org/tutorials?tut=pose_frame_semantics: a frame is fixed to the 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description.sdf_dialects import MODEL_FRAME
+from aras_sim_bridge.description.sdf_dialects import MODEL_FRAME, rotate_axis
+from aras_sim_bridge.description.sdf_poses import write_pose
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.poses import Pose
-from aras_visual_servo_base.safe_xml import find_text, parse_numbers, shorten
+from aras_visual_servo_base.safe_xml import find_text, shorten
 
 WORLD_FRAME = "world"
 _INSIDE_LINK = ("inertial", "visual", "collision", "sensor", "light")
@@ -121,15 +121,6 @@ def _read_pose(node: Element) -> Pose:
     return safe_xml.parse_pose(find_text(node, "pose"), where)
 
 
-def _set_pose(node: Element, pose: Pose, frame: str = "") -> None:
-    for old in node.findall("pose"):
-        node.remove(old)
-    written = ElementTree.SubElement(node, "pose")
-    written.text = " ".join(map(repr, (*pose.xyz, *pose.rpy)))
-    if frame:
-        written.set("relative_to", frame)
-
-
 def resolve_poses(model: Element, warnings: list[str]) -> None:
     """Rewrite the poses in a model in place, so that they do not refer to other frames.
 
@@ -153,20 +144,20 @@ def resolve_poses(model: Element, warnings: list[str]) -> None:
         if node.tag == "joint":
             _resolve_joint(node, at, frames, frame_poses, links)
         elif node.tag == "frame":
-            _set_pose(node, at, MODEL_FRAME)
+            write_pose(node, at, MODEL_FRAME)
             if links[name] != name:
                 node.set("attached_to", links[name])
         elif node.tag in ("link", "model") and frame in frame_poses and frames.find_kind(frame):
-            _set_pose(node, at)
+            write_pose(node, at)
         for part in node if node.tag == "link" else ():
             frame = _read_frame(part)
             if part.tag in _INSIDE_LINK and (frame == MODEL_FRAME or frames.find_kind(frame)
                                              ) and frame in frame_poses:
-                _set_pose(part, at.inverse() @ frame_poses[frame] @ _read_pose(part))
+                write_pose(part, at.inverse() @ frame_poses[frame] @ _read_pose(part))
     placement = model.get("placement_frame")
     if placement in frame_poses:
         del model.attrib["placement_frame"]
-        _set_pose(model, _read_pose(model) @ frame_poses[placement].inverse(), _read_frame(model))
+        write_pose(model, _read_pose(model) @ frame_poses[placement].inverse(), _read_frame(model))
 
 
 def has_pose(frames: SdfFrames, name: str) -> bool:
@@ -186,12 +177,9 @@ def _resolve_joint(joint: Element, at: Pose, frames: SdfFrames, frame_poses: Map
             end.text, moved = links[name], True
     child = links.get(child, child)
     if moved and child in frame_poses:
-        _set_pose(joint, frame_poses[child].inverse() @ at)
+        write_pose(joint, frame_poses[child].inverse() @ at)
     for axis in (*joint.findall("axis/xyz"), *joint.findall("axis2/xyz")):
         frame = axis.get("expressed_in") or ""
         if frame in frame_poses and frames.find_kind(frame) in ("joint", "frame", "model"):
-            rotation = Pose((0.0, 0.0, 0.0), frame_poses[frame].quat)
-            where = f"joint '{joint.get('name')}': axis"
-            vector = rotation.apply(parse_numbers(axis.text, 3, where))
-            axis.text = " ".join(map(repr, vector))
+            rotate_axis(axis, frame_poses[frame], joint)
             axis.set("expressed_in", MODEL_FRAME)

@@ -15,6 +15,7 @@ from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description import sdf_dialects, sdf_frames, supported_elements
 from aras_sim_bridge.description.packages import MODEL_PATH, OWN_MODELS, find_model
+from aras_sim_bridge.description.sdf_poses import write_pose
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.poses import Pose
@@ -183,20 +184,16 @@ def _flatten(model: Element, warnings: list[str], base: str | None,
             flat.append(child)
             continue
         inner = child.get("name") or ""
-        at = _read_pose(child, f"model '{shorten(inner)}'")
+        at = _read_pose(child, inner)
         for part in copy.deepcopy(child):
             if part.tag in ("link", "frame"):
-                pose = at @ _read_pose(part, f"model '{shorten(inner)}'")
-                for old in part.findall("pose"):
-                    part.remove(old)
-                ElementTree.SubElement(part, "pose").text = " ".join(
-                    map(repr, (*pose.xyz, *pose.rpy)))
+                write_pose(part, at @ _read_pose(part, inner))
                 part.set("name", f"{inner}::{part.get('name')}")
                 if part.get("attached_to"):
                     part.set("attached_to", f"{inner}::{part.get('attached_to')}")
             elif part.tag == "joint":
                 part.set("name", f"{inner}::{part.get('name')}")
-                sdf_dialects.rotate_axes(part, at, inner)
+                _place_axes(part, at, inner)
                 for end in (part.find("parent"), part.find("child")):
                     if end is not None and (end.text or "").strip() != "world":
                         end.text = f"{inner}::{(end.text or '').strip()}"
@@ -206,5 +203,18 @@ def _flatten(model: Element, warnings: list[str], base: str | None,
     return flat
 
 
-def _read_pose(element: Element, where: str) -> Pose:
-    return safe_xml.parse_pose(find_text(element, "pose"), f"{where}: pose")
+def _place_axes(joint: Element, pose: Pose, inner: str) -> None:
+    """Convert a joint's axes from the model `inner` to the enclosing model.
+
+    `pose` is the pose of the inner model in the enclosing model.
+    """
+    for axis in (*joint.findall("axis/xyz"), *joint.findall("axis2/xyz")):
+        frame = axis.get("expressed_in")
+        if frame == sdf_dialects.MODEL_FRAME:
+            sdf_dialects.rotate_axis(axis, pose, joint)
+        elif frame:
+            axis.set("expressed_in", f"{inner}::{frame}")
+
+
+def _read_pose(element: Element, model: str) -> Pose:
+    return safe_xml.parse_pose(find_text(element, "pose"), f"model '{shorten(model)}': pose")

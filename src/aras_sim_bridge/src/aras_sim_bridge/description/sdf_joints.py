@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from xml.etree.ElementTree import Element
 
+from aras_sim_bridge.description.element_reader import ElementReader
 from aras_sim_bridge.description.kinematic_tree import WORLD, JointInModel
 from aras_sim_bridge.description.sdf_dialects import MODEL_FRAME
 from aras_sim_bridge.description.sdf_poses import read_name, read_pose
@@ -81,49 +82,45 @@ def _set_axis(element: Element, tag: str, joint: Joint, pose: Pose, poses: Mappi
 
     `pose` is the pose of the joint's frame in the model, and `poses` are those of the links.
     """
-    axis = element.find(tag)
+    axis = ElementReader(element.find(tag), f"{where}: ")
     kind = joint.kind
-    along = parse_direction(find_text(axis, "xyz"), f"{where}: axis", (0.0, 0.0, 1.0))
-    frame = "" if axis is None or axis.find("xyz") is None else axis.find("xyz").get("expressed_in")
+    along = parse_direction(axis.read_text("xyz"), f"{where}: axis", (0.0, 0.0, 1.0))
+    xyz = element.find(f"{tag}/xyz")
+    frame = None if xyz is None else xyz.get("expressed_in")
     if frame:
         known = {MODEL_FRAME: Pose(), WORLD: Pose(), **poses}
         if frame not in known:
             raise DescriptionError(f"{where}: <xyz expressed_in='{shorten(frame)}'> names no link; "
                                    "give the axis in the joint's frame")
-        rotation = Pose((0.0, 0.0, 0.0), (pose.inverse() @ known[frame]).quat)
-        along = rotation.apply(along)
-    limit = None if axis is None else axis.find("limit")
-    dynamics = None if axis is None else axis.find("dynamics")
-    lower = _read_bound(limit, "lower", f"{where}: lower", -NO_LIMIT)
-    upper = _read_bound(limit, "upper", f"{where}: upper", NO_LIMIT)
+        along = Pose(quat=(pose.inverse() @ known[frame]).quat).apply(along)
+    limit = ElementReader(element.find(f"{tag}/limit"), f"{where}: ")
+    lower, upper = _read_bound(limit, "lower", -NO_LIMIT), _read_bound(limit, "upper", NO_LIMIT)
     if lower > upper:
         raise DescriptionError(
             f"{where}: lower {lower} is above upper {upper}; exchange the two limits"
         )
     free = kind == "continuous" or kind == "revolute" and lower <= -1e15 and upper >= 1e15
-    effort = _read_bound(limit, "effort", f"{where}: effort", NO_LIMIT)
-    velocity = _read_bound(limit, "velocity", f"{where}: velocity", NO_LIMIT)
+    effort = _read_bound(limit, "effort", NO_LIMIT)
+    velocity = _read_bound(limit, "velocity", NO_LIMIT)
     limits = JointLimits(None if free else lower, None if free else upper,
                          # an effort of -1 means "no limit" in SDF
                          effort if effort >= 0.0 else NO_LIMIT,
                          velocity if velocity >= 0.0 else NO_LIMIT)
-    damping = parse_number(find_text(dynamics, "damping"), f"{where}: damping", 0.0)
-    friction = parse_number(find_text(dynamics, "friction"), f"{where}: friction", 0.0)
+    dynamics = ElementReader(element.find(f"{tag}/dynamics"), f"{where}: ")
+    damping, friction = dynamics.read_number("damping", 0.0), dynamics.read_number("friction", 0.0)
     if damping < 0.0 or friction < 0.0:
         raise DescriptionError(f"{where}: damping {damping} and friction {friction} must be ≥ 0")
-    stiffness = parse_number(
-        find_text(dynamics, "spring_stiffness"), f"{where}: spring_stiffness", 0.0
-    )
+    stiffness = dynamics.read_number("spring_stiffness", 0.0)
     if stiffness < 0.0:
         raise DescriptionError(f"{where}: spring_stiffness is {stiffness}; it must not be negative")
-    rest = parse_number(find_text(dynamics, "spring_reference"), f"{where}: spring_reference", 0.0)
+    rest = dynamics.read_number("spring_reference", 0.0)
     return replace(joint, kind="continuous" if free else kind, axis=along, limits=limits,
                    damping=damping, friction=friction, stiffness=stiffness, rest=rest)
 
 
-def _read_bound(limit: Element | None, tag: str, where: str, default: float) -> float:
+def _read_bound(limit: ElementReader, tag: str, default: float) -> float:
     """Read a position limit; inf becomes NO_LIMIT, and -inf becomes -NO_LIMIT."""
-    text = find_text(limit, tag)
+    text = limit.read_text(tag)
     if text and text.lower().lstrip("+-") in ("inf", "infinity"):
         return -NO_LIMIT if text.startswith("-") else NO_LIMIT
-    return parse_number(text, where, default)
+    return limit.read_number(tag, default)

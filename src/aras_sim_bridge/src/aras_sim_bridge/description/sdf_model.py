@@ -18,7 +18,7 @@ from aras_sim_bridge.description import (
     supported_elements,
 )
 from aras_sim_bridge.description.angle_unit_check import describe_limits_in_degrees
-from aras_sim_bridge.description.geometry_tags import Resolve, read_bounce, read_sdf_geometry
+from aras_sim_bridge.description.geometry_tags import Resolve, read_bounce, read_geometry
 from aras_sim_bridge.description.inertia import make_inertial
 from aras_sim_bridge.description.kinematic_tree import (
     WORLD,
@@ -236,7 +236,7 @@ def read_link(
         for part, appearance in zip(element.findall(kind), paired, strict=False):
             inside = f"{where}, {kind} '{shorten(read_name(part, where))}'"
             at = read_pose(part, inside)
-            shape = read_sdf_geometry(part, inside, resolve, warnings)
+            shape = read_geometry(part, inside, resolve, warnings, True)
             if shape is None:
                 continue
             if kind == "visual":

@@ -1,7 +1,8 @@
-"""Readers of the name and the pose of an SDF element."""
+"""Readers of the name and the pose of an SDF element, and a writer of its pose."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
+from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description.sdf_dialects import MODEL_FRAME
@@ -37,3 +38,13 @@ def read_pose(element: Element, where: str, frames: Mapping[str, Pose] = _IDENTI
             "of the same parent; correct the name, or give the pose relative to the parent element"
         )
     return frames[frame] @ safe_xml.parse_pose(find_text(element, "pose"), f"{where}: pose")
+
+
+def write_pose(element: Element, pose: Pose, frame: str = "") -> None:
+    """Replace the pose of an element; it is relative to `frame`, or to the parent element if ''."""
+    for old in element.findall("pose"):
+        element.remove(old)
+    node = ElementTree.SubElement(element, "pose")
+    node.text = " ".join(map(repr, (*pose.xyz, *pose.rpy)))
+    if frame:
+        node.set("relative_to", frame)

@@ -57,7 +57,7 @@ _SURFACE = {
         "ode": _CONTACT,
     },
 }
-# Shapes that are missing here are reported by read_urdf_geometry and read_sdf_geometry instead.
+# Shapes that are missing here are reported by geometry_tags.read_geometry instead.
 _GEOMETRY = {
     "box": _mark_supported_tags("size"),
     "sphere": _mark_supported_tags("radius"),

@@ -9,7 +9,7 @@ from aras_sim_bridge.description.angle_unit_check import (
     describe_angles_in_degrees,
     describe_limits_in_degrees,
 )
-from aras_sim_bridge.description.geometry_tags import Resolve, read_urdf_geometry
+from aras_sim_bridge.description.geometry_tags import Resolve, read_geometry
 from aras_sim_bridge.description.inertia import make_inertial
 from aras_sim_bridge.description.kinematic_tree import WORLD, JointInModel, assemble
 from aras_sim_bridge.description.sdf_joints import NO_LIMIT
@@ -178,13 +178,13 @@ def _read_link(name: str, element: Element, resolve: Resolve, warnings: list[str
     visuals, collisions = [], []
     for i, node in enumerate(element.findall("visual")):
         inside = f"{where}, visual {i + 1}"
-        shape = read_urdf_geometry(node, inside, resolve, warnings)
+        shape = read_geometry(node, inside, resolve, warnings, False)
         if shape is not None:
             visuals.append(Visual(node.get("name") or "", *read_origin(node, inside), shape))
     for i, node in enumerate(element.findall("collision")):
         inside = f"{where}, collision {i + 1}"
         label = node.get("name") or (f"{name}_collision" + (f"_{i}" if i else ""))
-        shape = read_urdf_geometry(node, inside, resolve, warnings)
+        shape = read_geometry(node, inside, resolve, warnings, False)
         if shape is not None:
             collisions.append(Collision(label, *read_origin(node, inside), shape))
     return Link(name, inertial, tuple(visuals), tuple(collisions))

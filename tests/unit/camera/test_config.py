@@ -11,7 +11,7 @@ from aras_sim_bridge.camera import CameraConfig
 from aras_sim_bridge.camera.effects import AutoExposure, Effects, SensorModel
 from aras_sim_bridge.camera.vibration import Shake
 from aras_sim_bridge.description import CameraDescription
-from aras_sim_bridge.description.types import CameraPlugin, LensDescription, PixelNoise
+from aras_sim_bridge.description.camera_types import CameraPlugin, LensDescription, PixelNoise
 from aras_sim_bridge.errors import CameraError
 
 PRESETS = Path(__file__).parents[3] / "src/aras_visual_servo_gazebo/config/cameras"

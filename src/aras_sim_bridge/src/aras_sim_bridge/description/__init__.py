@@ -8,27 +8,30 @@ This package depends on neither ROS nor Bullet.
 
 from aras_visual_servo_base.lazy_imports import lazy_exports
 
-_TYPES = (
+_CAMERA_TYPES = (
     "CameraDescription",
     "CameraPlugin",
+    "DepthDescription",
+    "LensDescription",
+    "PixelNoise",
+)
+_TYPES = (
     "ChannelNoise",
     "Collision",
     "ControlPlugin",
-    "DepthDescription",
     "Geometry",
     "GripperDescription",
     "GraspFixPlugin",
     "Inertial",
-    "LensDescription",
     "Light",
     "Link",
-    "PixelNoise",
     "RobotDescription",
     "SensorDescription",
     "Transmission",
     "Visual",
 )
 _PLACES = {
+    **dict.fromkeys(_CAMERA_TYPES, ".camera_types"),
     **dict.fromkeys(_TYPES, ".types"),
     **dict.fromkeys(("Joint", "JointLimits", "Mimic", "SoftLimits"), "aras_visual_servo_base.urdf"),
     **dict.fromkeys(("SdfContent", "parse_sdf", "read_sdf"), ".sdf"),

@@ -4,13 +4,13 @@ from dataclasses import replace
 from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description import plugins
-from aras_sim_bridge.description.element_reader import ElementReader
-from aras_sim_bridge.description.types import (
+from aras_sim_bridge.description.camera_types import (
     CameraDescription,
     CameraPlugin,
     LensDescription,
     PixelNoise,
 )
+from aras_sim_bridge.description.element_reader import ElementReader
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.safe_xml import shorten
 from aras_visual_servo_base.urdf import read_camera_pose

@@ -8,15 +8,15 @@ from xml.etree.ElementTree import Element
 from aras_sim_bridge.description import (
     gazebo_materials,
     grasp_tags,
+    ignored_elements,
     plugins,
     sensor_tags,
-    supported_elements,
 )
+from aras_sim_bridge.description.camera_types import CameraDescription
 from aras_sim_bridge.description.geometry_tags import Resolve, read_bounce
 from aras_sim_bridge.description.kinematic_tree import JointInModel, find_links_between
 from aras_sim_bridge.description.sdf_dialects import unify
 from aras_sim_bridge.description.types import (
-    CameraDescription,
     ControlPlugin,
     GraspFixPlugin,
     Link,
@@ -86,7 +86,7 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
             found += plugins.read(
                 block, "<gazebo>", (ControlPlugin, SensorDescription, GraspFixPlugin), warnings,
                 [joint.name for joint in joints.values() if joint.mimic is not None])
-            ignored += supported_elements.find_ignored_elements(block, "gazebo", where)
+            ignored += ignored_elements.find_ignored_elements(block, "gazebo", where)
             for node in block.findall("link"):
                 try:
                     _add_link(node, tags, resolve, warnings)
@@ -99,11 +99,11 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
         elif reference in links:
             _read_link_flags(block, reference, tags, warnings)
             sensor_tags.read_link_sensors(block, reference, cameras, sensors, found, warnings)
-            ignored += supported_elements.find_ignored_elements(block, "gazebo link", where)
+            ignored += ignored_elements.find_ignored_elements(block, "gazebo link", where)
         elif reference in joints:
             _read_joint_settings(block, reference, tags, warnings)
             found += sensor_tags.read_joint_sensors(block, reference, force_torque_tags, warnings)
-            ignored += supported_elements.find_ignored_elements(block, "gazebo joint", where)
+            ignored += ignored_elements.find_ignored_elements(block, "gazebo joint", where)
         else:
             warnings.append(f"{where} is ignored, because it names no link or joint; correct the "
                             "name")
@@ -124,7 +124,7 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
         tags.added_links |= between
         tags.poses |= between_poses
         found += sensor_tags.read_joint_sensors(node, node.get("name"), force_torque_tags, warnings)
-    warnings += supported_elements.format_sentences(dict.fromkeys(ignored))
+    warnings += ignored_elements.format_sentences(dict.fromkeys(ignored))
     cameras = _drop_duplicates(cameras, warnings)
     tags.control_plugins = tuple(one for one in found if isinstance(one, ControlPlugin))
     plugin_sensors = [one for one in found if isinstance(one, SensorDescription)]

@@ -6,12 +6,11 @@ from types import MappingProxyType
 from typing import TypeVar
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description import supported_elements
+from aras_sim_bridge.description import ignored_elements
+from aras_sim_bridge.description.camera_types import CameraPlugin, DepthDescription
 from aras_sim_bridge.description.element_reader import ElementReader
 from aras_sim_bridge.description.types import (
-    CameraPlugin,
     ControlPlugin,
-    DepthDescription,
     GraspFixPlugin,
     LinkAttacherPlugin,
     SensorDescription,
@@ -46,7 +45,7 @@ def read(element: Element, where: str, kinds: tuple[type[Kind], ...], warnings: 
         made = None if make is None else make(ElementReader(plugin, f"{where}: "))
         if isinstance(made, kinds):
             found.append(made)
-            warnings += supported_elements.describe_ignored_elements(
+            warnings += ignored_elements.describe_ignored_elements(
                 plugin, f"plugin {name}", f"{where}: plugin '{filename}'"
             )
             continue

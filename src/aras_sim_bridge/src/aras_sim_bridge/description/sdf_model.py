@@ -12,12 +12,13 @@ from xml.etree.ElementTree import Element
 from aras_sim_bridge.description import (
     gazebo_materials,
     grasp_tags,
+    ignored_elements,
     ogre_materials,
     plugins,
     sensor_tags,
-    supported_elements,
 )
 from aras_sim_bridge.description.angle_unit_check import describe_limits_in_degrees
+from aras_sim_bridge.description.camera_types import CameraDescription
 from aras_sim_bridge.description.geometry_tags import Resolve, read_bounce, read_geometry
 from aras_sim_bridge.description.inertia import make_inertial
 from aras_sim_bridge.description.kinematic_tree import (
@@ -31,7 +32,6 @@ from aras_sim_bridge.description.ogre_materials import Appearance, Locate
 from aras_sim_bridge.description.sdf_joints import read_joints
 from aras_sim_bridge.description.sdf_poses import read_name, read_pose
 from aras_sim_bridge.description.types import (
-    CameraDescription,
     Collision,
     GraspFixPlugin,
     Link,
@@ -66,7 +66,7 @@ def read_model(element: Element, resolve: Resolve, locate: Locate, frames: Mappi
     warnings: list[str] = []
     read_plugins = plugins.read(element, "SDF", (SensorDescription, GraspFixPlugin), warnings)
     plugin_sensors = [one for one in read_plugins if isinstance(one, SensorDescription)]
-    warnings += supported_elements.describe_ignored_elements(element, "model", where)
+    warnings += ignored_elements.describe_ignored_elements(element, "model", where)
     static = parse_bool(find_text(element, "static"), f"{where}: static", False)
     links: dict[str, Link] = {}
     poses: dict[str, Pose] = {}

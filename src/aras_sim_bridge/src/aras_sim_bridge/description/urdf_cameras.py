@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description import camera_tags
+from aras_sim_bridge.description.camera_types import CameraDescription
 from aras_sim_bridge.description.sdf_dialects import unify
-from aras_sim_bridge.description.types import CameraDescription
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.urdf import CAMERA_KINDS
 

@@ -16,7 +16,8 @@ from aras_sim_bridge.description import (
     parse_urdf,
     world_file,
 )
-from aras_sim_bridge.description.types import CameraPlugin, is_present
+from aras_sim_bridge.description.camera_types import CameraPlugin
+from aras_sim_bridge.description.types import is_present
 from aras_sim_bridge.description.world_file import WorldFile
 from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.rendering import EXPOSURES

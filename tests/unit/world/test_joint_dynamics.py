@@ -13,7 +13,7 @@ from aras_robot import URDF, ArasRobot, description
 
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
-from aras_sim_bridge.world import World, joint_dynamics, resting_base
+from aras_sim_bridge.world import World, ground_support, joint_dynamics
 from aras_sim_bridge.world.description_changes import change_joint
 from aras_sim_bridge.world.fixed_base_dynamics import FixedBaseDynamics
 from aras_visual_servo_base.poses import Pose
@@ -181,7 +181,7 @@ def test_what_the_root_has_to_bear_is_pinocchio_s(make):
         space.state[:] = q, before, effort
         assert space.advance(1e-6) == -1
         rate = (space.state[1] - space.previous_speeds) / 1e-6
-        resting_base.is_supported(
+        ground_support.is_supported(
             space.tree,
             space.frames,
             space.state,

@@ -10,7 +10,7 @@ from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 
 from aras_sim_bridge.description import parse_urdf
-from aras_sim_bridge.world import Pose, Twist, World, resting_base
+from aras_sim_bridge.world import Pose, Twist, World, ground_support, resting_base
 from aras_sim_bridge.world.description_changes import change_joint
 
 G = 9.8
@@ -442,7 +442,7 @@ def _most_that_can_be_borne(normal, mass, centre, point, corners, friction, grav
 
 def bears(ground, corners, gravity, touch=(0.0,) * 6, frames=None):
     """Whether the ground holds a base whose only joint is at rest."""
-    return resting_base.is_supported(
+    return ground_support.is_supported(
         np.array([[0, -1, 0, 0]]), np.zeros((1, 46)) if frames is None else frames,
         np.zeros((3, 1)), np.zeros(1), gravity, ground, corners, np.array(touch), np.zeros(6), 1e-3)
 

@@ -17,8 +17,8 @@ from aras_sim_bridge.control.drives import (
     compute_outputs,
 )
 from aras_sim_bridge.control.joints import TAU, Q, V
+from aras_sim_bridge.world.ground_support import BASE_TYPES, is_supported
 from aras_sim_bridge.world.joint_dynamics import FORCE, NO_LIMIT_FORCE, STEP_TYPES, TARGET, advance
-from aras_sim_bridge.world.resting_base import BASE_TYPES, is_supported
 from aras_visual_servo_base.compiled import jit
 
 CYCLE_TYPES = "f8[:,::1], f8[:,::1], f8[:,::1]"

@@ -86,6 +86,27 @@ class BulletBody:
         """Remove the body from Bullet."""
         pybullet.removeBody(self.body_id, physicsClientId=self.client)
 
+    def change_joint(self, index: int, **settings: float) -> None:
+        """Change parameters of pybullet.changeDynamics for the joint with this index in Bullet."""
+        pybullet.changeDynamics(self.body_id, index, physicsClientId=self.client, **settings)
+
+    def set_velocity_motor(
+        self, index: int, velocity: float, force: float, gain: float = 1.0
+    ) -> None:
+        """Drive a joint at `velocity` (rad/s or m/s) with at most `force` (N m or N).
+
+        In each step, the motor removes the fraction `gain` of the difference to `velocity`. With
+        the velocity 0 and the gain 1, it acts like Coulomb friction.
+        """
+        pybullet.setJointMotorControl2(
+            self.body_id, index, pybullet.VELOCITY_CONTROL, targetVelocity=velocity, force=force,
+            velocityGain=gain, physicsClientId=self.client)
+
+    def reset_joint(self, index: int, position: float, velocity: float) -> None:
+        """Set the position (rad or m) and the velocity (rad/s or m/s) of a joint."""
+        pybullet.resetJointState(self.body_id, index, position, velocity,
+                                 physicsClientId=self.client)
+
     def set_asleep(self, asleep: bool) -> None:
         """Put the body to sleep, or wake it. A woken body moves from the second step on."""
         self.is_asleep = asleep

@@ -72,8 +72,8 @@ def give_root_mass(description: RobotDescription) -> RobotDescription:
     pending = [(root.name, Pose())]
     while pending:
         parent, root_t_parent = pending.pop()
-        for joint in description.joints.values():
-            if joint.parent == parent and joint.kind == "fixed":
+        for joint in description.list_child_joints(parent):
+            if joint.kind == "fixed":
                 pose = root_t_parent @ joint.pose
                 pending.append((joint.child, pose))
                 found.append((description.links[joint.child], pose))
@@ -247,13 +247,13 @@ def _needs_empty_link(description: RobotDescription) -> bool:
     does not test them against other static bodies. This does not happen if the first link is empty
     and fixed.
     """
-    joints = list(description.joints.values())
-    first = next((joint for joint in joints if joint.parent == description.root), None)
+    first = next(iter(description.list_child_joints(description.root)), None)
     if first is None or description.static or not first.is_movable:
         return False
     fixed_links = [first.child]
     for link in fixed_links:
-        fixed_links += [one.child for one in joints if one.parent == link and not one.is_movable]
+        fixed_links += [one.child for one in description.list_child_joints(link)
+                        if not one.is_movable]
     return any(description.links[link].collisions for link in fixed_links[1:])
 
 

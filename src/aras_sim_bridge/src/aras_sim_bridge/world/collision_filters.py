@@ -19,7 +19,6 @@ from aras_visual_servo_base.poses import (
     rotate,
     scale,
 )
-from aras_visual_servo_base.urdf import Joint
 
 # Margin of the boxes around a model's reach, m. It covers Bullet's collision margins and joint
 # stops that yield slightly.
@@ -124,9 +123,6 @@ def find_solids(model: Model, links: Collection[int]) -> list[BoundingBox | Half
 def compute_reach(model: Model) -> dict[str, BoundingBox]:
     """Return, for each link except the root, a box that the link's shapes never leave."""
     description = model.description
-    children: dict[str, list[Joint]] = {}
-    for joint in description.joints.values():
-        children.setdefault(joint.parent, []).append(joint)
     boxes: dict[str, BoundingBox] = {}
     # Links still to be visited. An entry contains a link, the box of all positions of the link's
     # origin, and the link's orientation, which is None if a joint can rotate the link.
@@ -138,8 +134,9 @@ def compute_reach(model: Model) -> dict[str, BoundingBox]:
         link, origins, quat = pending.pop()
         if link != description.root and description.links[link].collisions:
             boxes[link] = origins.grow(_compute_extent(model, link))
-        for joint in children.get(link, ()):
-            lower, upper = _compute_travel(joint)
+        for joint in description.list_child_joints(link):
+            # displacement of the child link along the joint axis, m
+            lower, upper = joint.stops if joint.kind == "prismatic" else (0.0, 0.0)
             if quat is None:
                 reach = math.hypot(*joint.origin_xyz) + max(abs(lower), abs(upper))
                 pending.append((joint.child, origins.grow(reach), None))
@@ -153,14 +150,6 @@ def compute_reach(model: Model) -> dict[str, BoundingBox]:
             turns = joint.kind in ("revolute", "continuous")
             pending.append((joint.child, moved, None if turns else below))
     return boxes
-
-
-def _compute_travel(joint: Joint) -> tuple[float, float]:
-    """Return the smallest and the largest displacement of a joint's child link, m.
-
-    It is measured along the joint axis, and is 0 unless the joint is prismatic.
-    """
-    return joint.stops if joint.kind == "prismatic" else (0.0, 0.0)
 
 
 def _compute_extent(model: Model, link: str) -> float:

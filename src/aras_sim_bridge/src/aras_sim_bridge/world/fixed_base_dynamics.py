@@ -11,7 +11,6 @@ from aras_sim_bridge.world.fixed_base_tree import FixedBaseTree, make_joint_rows
 from aras_sim_bridge.world.forward_kinematics import ForwardKinematics
 from aras_sim_bridge.world.joint_dynamics import (
     BEFORE,
-    BIAS,
     DAMPING,
     FASTEST,
     FORCE,
@@ -19,6 +18,7 @@ from aras_sim_bridge.world.joint_dynamics import (
     RETURN,
     TARGET,
 )
+from aras_sim_bridge.world.mass_matrix import BIAS, compute_dynamics
 from aras_visual_servo_base.poses import (
     IDENTITY,
     Pose,
@@ -32,7 +32,7 @@ from aras_visual_servo_base.poses import (
 
 
 class FixedBaseDynamics:
-    """State and dynamics of one model's joints, in the arrays of joint_dynamics.py.
+    """State and dynamics of one model's joints, in the arrays of mass_matrix.py.
 
     The joints are in the order of the constructor's argument `names`.
 
@@ -43,7 +43,7 @@ class FixedBaseDynamics:
             caller sets them.
         previous_speeds (n,): velocities before the last step, rad/s or m/s.
         gravity (3,): gravity vector in the root's axes, m/s².
-        tree, frames: arrays that are described in joint_dynamics.py.
+        tree, frames: arrays that are described in mass_matrix.py.
         arrays: all arguments of `joint_dynamics.advance` except dt.
     """
 
@@ -134,7 +134,7 @@ class FixedBaseDynamics:
 
     def bias_efforts(self) -> list[float]:
         """Return the efforts of gravity, Coriolis and centrifugal forces, N m or N."""
-        joint_dynamics.compute_dynamics(*self._arrays)
+        compute_dynamics(*self._arrays)
         return self._rows[BIAS].tolist()
 
     def mass_matrix(self) -> np.ndarray:
@@ -142,7 +142,7 @@ class FixedBaseDynamics:
 
         Joints that mimic others are treated as independent joints.
         """
-        joint_dynamics.compute_dynamics(*self._arrays)
+        compute_dynamics(*self._arrays)
         return self._matrices[0].copy()
 
     def free_mass_matrix(self) -> np.ndarray:

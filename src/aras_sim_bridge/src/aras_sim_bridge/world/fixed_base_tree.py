@@ -1,4 +1,4 @@
-"""Kinematic tree of a model with a fixed base, as the arrays that joint_dynamics.py reads."""
+"""Arrays of mass_matrix.py and joint_dynamics.py for the kinematic tree of a fixed-base model."""
 
 from collections.abc import Sequence
 
@@ -19,7 +19,7 @@ from aras_sim_bridge.world.joint_dynamics import (
 from aras_visual_servo_base.poses import IDENTITY, Pose
 
 UPPER_TRIANGLE = np.triu_indices(3)
-_BODY = 50  # number of columns of Articulation.bodies
+_BODY = 50  # number of columns of FixedBaseTree.bodies
 # Largest speed at which a joint returns from beyond a position limit, if it has no velocity limit,
 # rad/s or m/s.
 _RETURN_SPEED = 1.0
@@ -47,7 +47,7 @@ class FixedBaseTree:
             44:47  this mass times its centre of mass in the joint frame, kg m
             47:50  joint axis in the frame of the parent body
         base (50,): the same columns for the base, in the root frame.
-        tree (n, 4): topology, described in joint_dynamics.py.
+        tree (n, 4): topology, described in mass_matrix.py.
         link_joint: index of the joint that moves each link; -1 for the links of the base.
     """
 
@@ -58,9 +58,6 @@ class FixedBaseTree:
         self.bodies, self.base = np.zeros((count, _BODY)), np.zeros(_BODY)
         self.tree = np.zeros((count, 4), dtype=np.int64)
         self.link_joint: dict[str, int] = {}
-        children: dict[str, list] = {}
-        for joint in description.joints.values():
-            children.setdefault(joint.parent, []).append(joint)
         order: list[int] = []
         # Links still to be visited. An entry contains the link's name, the index of the joint that
         # moves the link, and the link's pose in the frame of this joint.
@@ -72,7 +69,7 @@ class FixedBaseTree:
             if link.inertial is not None:
                 row = self.base if mover < 0 else self.bodies[mover]
                 _add_mass(row, link.inertial, pose, link.gravity)
-            for joint in children.get(name, ()):
+            for joint in description.list_child_joints(name):
                 at = pose @ joint.pose
                 if joint.name not in number:
                     pending.append((joint.child, mover, at))
@@ -103,7 +100,7 @@ class FixedBaseTree:
 
 
 def _add_mass(row: np.ndarray, inertial: Inertial, pose: Pose, gravity: bool) -> None:
-    """Add the mass and the inertia of a link to the row of its body in Articulation.bodies.
+    """Add the mass and the inertia of a link to the row of its body in FixedBaseTree.bodies.
 
     Args:
         row: (50,) row of the body.

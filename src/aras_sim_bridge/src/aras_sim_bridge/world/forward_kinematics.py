@@ -20,15 +20,12 @@ class ForwardKinematics:
     def __init__(self, description: RobotDescription, names: Sequence[str]) -> None:
         """Read the tree; `names` lists the moving joints in the order of the joint positions."""
         number = {name: k for k, name in enumerate(names)}
-        children: dict[str, list] = {}
-        for joint in description.joints.values():
-            children.setdefault(joint.parent, []).append(joint)
         self.row = {description.root: 0}
         tree, offsets, axes = [(-1, -1, 0)], [IDENTITY], [(0.0, 0.0, 1.0)]
         pending = [description.root]
         while pending:
             parent = pending.pop()
-            for joint in children.get(parent, ()):
+            for joint in description.list_child_joints(parent):
                 self.row[joint.child] = len(tree)
                 mover = number.get(joint.name, -1)
                 tree.append((self.row[parent], mover, int(joint.kind == "prismatic")))

@@ -14,9 +14,13 @@ dt D^1/2 M^-1 D^1/2, where M is the mass matrix and D the diagonal matrix of the
 For models with a fixed base, joint_dynamics.py computes the damping.
 """
 
-from typing import Protocol
+from collections.abc import Callable, Sequence
 
 import numpy as np
+
+from aras_sim_bridge.world.bullet_body import BulletBody
+from aras_sim_bridge.world.joint_dynamics import NO_LIMIT_FORCE
+from aras_visual_servo_base.urdf import Joint
 
 EXPLICIT_BOUND = 0.5
 # Number of steps between two choices of the damping method. The inertia of the joints changes
@@ -24,39 +28,32 @@ EXPLICIT_BOUND = 0.5
 CHECK_EVERY = 200
 
 
-class DampedJoints(Protocol):
-    """Interface of a model's joints, implemented by ModelJoints.
-
-    The index `slot` of a joint is its index in the lists below.
-
-    Attributes:
-        damping_coefficients: viscous damping of each joint, N m s/rad or N s/m.
-        stiffness: stiffness of each joint's spring, N m/rad or N/m.
-    """
-
-    damping_coefficients: list[float]
-    stiffness: list[float]
-
-    def inverse_inertia(self) -> np.ndarray: ...
-    def restore_friction(self, slot: int) -> None: ...
-    def set_bullet_damping(self, slot: int, damping: float) -> None: ...
-    def set_damping_motor(self, slot: int, share: float) -> None: ...
-
-
 class JointDamping:
-    """Damping of the joints of one model. Each time the model is loaded, a new object is created.
+    """Damping and springs of the joints of a free model.
 
-    Attributes:
-        springs: stiffness of the springs by joint index, N m/rad or N/m. It is smaller than the
-            true stiffness: an explicit step with it equals an implicit step with the true
-            stiffness, if only this joint moves.
+    Each time the model is loaded, a new object is created. The index `slot` of a joint is its index
+    in the constructor's arguments.
+
+    Args:
+        body: body of the model in Bullet.
+        indices: Bullet's index of each joint.
+        joints: the joints.
+        compute_inverse_inertia: function that returns the matrix that maps joint efforts to
+            accelerations, in the present state.
     """
 
-    def __init__(self, joints: DampedJoints) -> None:
-        self._joints = joints
+    def __init__(self, body: BulletBody, indices: Sequence[int], joints: Sequence[Joint],
+                 compute_inverse_inertia: Callable[[], np.ndarray]) -> None:
+        self._body, self._indices, self._joints = body, indices, joints
+        self._damping = np.array([joint.damping for joint in joints])
+        self._stiffness = np.array([joint.stiffness for joint in joints])
+        self._compute_inverse_inertia = compute_inverse_inertia
         self._countdown = 0
         self._motors: set[int] = set()
-        self.springs: dict[int, float] = {}
+        # Stiffness of the springs by slot, N m/rad or N/m. It is smaller than the true stiffness:
+        # an explicit step with it equals an implicit step with the true stiffness, if only this
+        # joint moves.
+        self._springs: dict[int, float] = {}
 
     def before_step(self, dt: float) -> None:
         """Choose the damping method every CHECK_EVERY steps. Call this before each step."""
@@ -64,6 +61,19 @@ class JointDamping:
             self._choose_method(dt)
             self._countdown = CHECK_EVERY
         self._countdown -= 1
+
+    def add_spring_efforts(
+        self, efforts: Sequence[float], positions: Sequence[float], speeds: Sequence[float],
+        dt: float
+    ) -> Sequence[float]:
+        """Return the efforts (N m or N) with those of the springs in the next step added.
+
+        The positions (rad or m) and speeds (rad/s or m/s) are those before the step.
+        """
+        total = list(efforts) if self._springs else efforts
+        for slot, k in self._springs.items():
+            total[slot] -= k * (positions[slot] + dt * speeds[slot] - self._joints[slot].rest)
+        return total
 
     def invalidate(self) -> None:
         """Choose the damping method again at the next step.
@@ -73,24 +83,26 @@ class JointDamping:
         self._countdown = 0
 
     def _choose_method(self, dt: float) -> None:
-        d, k = (np.array(values) for values in (
-            self._joints.damping_coefficients, self._joints.stiffness))
-        stiffness = np.zeros(len(d))
+        d, k = self._damping, self._stiffness
+        ratios = np.zeros(len(d))
         largest = 0.0
         if d.any() or k.any():
-            inverse = self._joints.inverse_inertia()
+            inverse = self._compute_inverse_inertia()
             softened = k / (1.0 + k * dt * dt * np.diag(inverse))
-            self.springs = {i: float(value) for i, value in enumerate(softened) if value}
+            self._springs = {i: float(value) for i, value in enumerate(softened) if value}
             root = np.sqrt(d)
-            stiffness = d * dt * np.diag(inverse)
+            ratios = d * dt * np.diag(inverse)
             largest = dt * float(np.linalg.eigvalsh(root[:, None] * inverse * root)[-1])
         motors: set[int] = set()
         if largest > EXPLICIT_BOUND:
-            motors = {i for i, r in enumerate(stiffness) if r > EXPLICIT_BOUND / len(d)}
+            motors = {i for i, r in enumerate(ratios) if r > EXPLICIT_BOUND / len(d)}
         for i in self._motors - motors:
-            self._joints.restore_friction(i)
+            self._body.set_velocity_motor(self._indices[i], 0.0, self._joints[i].friction)
         self._motors = motors
         for i, value in enumerate(d):
-            self._joints.set_bullet_damping(i, 0.0 if i in motors else float(value))
+            self._body.change_joint(
+                self._indices[i], jointDamping=0.0 if i in motors else float(value)
+            )
         for i in motors:
-            self._joints.set_damping_motor(i, float(stiffness[i] / (1.0 + stiffness[i])))
+            share = float(ratios[i] / (1.0 + ratios[i]))
+            self._body.set_velocity_motor(self._indices[i], 0.0, NO_LIMIT_FORCE, share)

@@ -250,14 +250,11 @@ class Model:
 
     def list_base_links(self) -> frozenset[int]:
         """Return Bullet's indices of the root and of all links that are fixed to it."""
-        found, pending = {-1}, [self.description.root]
-        while pending:
-            link = pending.pop()
-            for joint in self.description.joints.values():
-                if joint.parent == link and not joint.is_movable:
-                    found.add(self.body.links[joint.child])
-                    pending.append(joint.child)
-        return frozenset(found)
+        base = [self.description.root]
+        for link in base:  # `base` grows during this loop
+            base += [joint.child for joint in self.description.list_child_joints(link)
+                     if not joint.is_movable]
+        return frozenset(self.body.links[link] for link in base)
 
     def _read_com_pose(self, index: int) -> Pose:
         if index == -1:

@@ -51,10 +51,6 @@ class ModelJoints:
         self.has_own_dynamics, self._is_bullet_current = False, True
         self.names: tuple[str, ...] = () if description.static else description.list_moving_joints()
         joints = [description.joints[name] for name in self.names]
-        self.damping_coefficients = [joint.damping for joint in joints]
-        self.friction = [joint.friction for joint in joints]
-        self.stiffness = [joint.stiffness for joint in joints]
-        self._rest_positions = [joint.rest for joint in joints]
         self._mimics = [joint.mimic for joint in joints]
         self._slot = {name: slot for slot, name in enumerate(self.names)}
         self._indices = [body.joint_indices[name] for name in self.names]
@@ -64,10 +60,10 @@ class ModelJoints:
         self.space, self._free_space = (space, None) if body.fixed_base else (None, space)
         self._bullet_stops = JointStops(body, self._indices, self._stops,
                                    space.return_speeds if jointed else ())
-        for slot, index in enumerate(self._indices):
-            pybullet.changeDynamics(body.body_id, index, jointLimitForce=NO_LIMIT_FORCE,
-                                    physicsClientId=body.client)
-            self.restore_friction(slot)
+        for slot, joint in enumerate(joints):
+            body.change_joint(self._indices[slot], jointLimitForce=NO_LIMIT_FORCE)
+            # In Bullet, friction is a motor with target speed 0 and a limited effort.
+            self._set_motor(slot, 0.0, joint.friction)
         # Apply the speed limits that were set before the model was loaded.
         if self.space is not None:
             for name, fastest in self._speed_bounds.items():
@@ -80,7 +76,9 @@ class ModelJoints:
         self.applied_efforts = [0.0] * len(self.names)
         self._has_pending_efforts = False
         self._cache: tuple[Sequence[float], Sequence[float]] | None = None
-        self.damping = JointDamping(self) if jointed and not body.fixed_base else None
+        self.damping = None
+        if jointed and not body.fixed_base:
+            self.damping = JointDamping(body, self._indices, joints, self.inverse_inertia)
 
     def remove_constraints(self) -> None:
         """Remove the constraints of mimicking joints and of closed chains from Bullet."""
@@ -92,8 +90,7 @@ class ModelJoints:
             self.space.state[0, slot], self.space.state[1, slot] = position, velocity
             self._is_bullet_current = False
             return
-        pybullet.resetJointState(self.body.body_id, self._indices[slot], position, velocity,
-                                 physicsClientId=self.body.client)
+        self.body.reset_joint(self._indices[slot], position, velocity)
 
     def set_own_dynamics(self, own: bool) -> None:
         """Choose joint_dynamics.py (`own`) or Bullet to step the joints, and transfer the state.
@@ -110,7 +107,7 @@ class ModelJoints:
         self.update_bullet()
         self.has_own_dynamics = False
         for slot in range(len(self.names)):
-            self._set_bullet_motor(slot, *self.space.read_motor(slot))
+            self.body.set_velocity_motor(self._indices[slot], *self.space.read_motor(slot))
 
     def update_bullet(self) -> None:
         """Write the joint states to Bullet if those in Bullet are out of date."""
@@ -118,8 +115,7 @@ class ModelJoints:
             return
         self._is_bullet_current = True
         for index, position, velocity in zip(self._indices, *self.read()[:2], strict=True):
-            pybullet.resetJointState(self.body.body_id, index, position, velocity,
-                                     physicsClientId=self.body.client)
+            self.body.reset_joint(index, position, velocity)
 
     @property
     def moving_links(self) -> tuple[str, ...]:
@@ -203,14 +199,8 @@ class ModelJoints:
             total = [e + t for e, t in zip(efforts, self.space.compute_reactions(dt), strict=True)]
         else:
             self.damping.before_step(dt)
-            if self.damping.springs:
-                positions, speeds, _ = self.read()
-                total, self._has_pending_efforts = list(efforts), True
-                for slot, k in self.damping.springs.items():
-                    total[slot] -= k * (
-                        positions[slot] + dt * speeds[slot] - self._rest_positions[slot]
-                    )
-        if self._has_pending_efforts or self.space is not None:
+            total = self.damping.add_spring_efforts(efforts, *self.read()[:2], dt)
+        if self._has_pending_efforts or total is not efforts:
             pybullet.setJointMotorControlArray(
                 self.body.body_id, self._indices, pybullet.TORQUE_CONTROL, forces=total,
                 physicsClientId=self.body.client)
@@ -362,21 +352,6 @@ class ModelJoints:
         self._speed_bounds[joint] = fastest
         self.space.bound_speed(slot, fastest)
 
-    def set_damping_motor(self, slot: int, share: float) -> None:
-        """Set a motor that removes the fraction `share` of a joint's velocity in each step.
-
-        `slot` is the index of the joint in `names`.
-        """
-        self._set_bullet_motor(slot, 0.0, NO_LIMIT_FORCE, share)
-
-    def set_bullet_damping(self, slot: int, value: float) -> None:
-        """Set the explicit damping of a joint in Bullet to `value`, N m s/rad or N s/m.
-
-        `slot` is the index of the joint in `names`; see joint_damping.py.
-        """
-        pybullet.changeDynamics(self.body.body_id, self._indices[slot], jointDamping=value,
-                                physicsClientId=self.body.client)
-
     def _find_slot(self, joint: str) -> int:
         slot = self._slot.get(joint)
         if slot is None:
@@ -417,23 +392,8 @@ class ModelJoints:
             gears.append(gear)
         return gears
 
-    def restore_friction(self, slot: int) -> None:
-        """Restore the Coulomb friction of the joint with the index `slot`.
-
-        In Bullet, the friction is a motor with target speed 0 and a limited effort.
-        """
-        self._set_motor(slot, 0.0, self.friction[slot])
-
     def _set_motor(self, slot: int, velocity: float, force: float) -> None:
         if self.space is not None:
             self.space.set_motor(slot, velocity, force)
         if not self.has_own_dynamics:
-            self._set_bullet_motor(slot, velocity, force)
-
-    def _set_bullet_motor(
-        self, slot: int, velocity: float, force: float, gain: float = 1.0
-    ) -> None:
-        pybullet.setJointMotorControl2(
-            self.body.body_id, self._indices[slot], pybullet.VELOCITY_CONTROL,
-            targetVelocity=velocity, force=force, velocityGain=gain,
-            physicsClientId=self.body.client)
+            self.body.set_velocity_motor(self._indices[slot], velocity, force)

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from aras_sim_bridge.world.bullet import pybullet
 from aras_sim_bridge.world.bullet_body import BulletBody
 
 # fraction of a joint's distance beyond its stop that Bullet corrects in each step
@@ -42,7 +41,6 @@ class JointStops:
         low, high = np.minimum(self._low, at + most), np.maximum(self._high, at - most)
         far = {*np.flatnonzero((low < self._low) | (high > self._high)).tolist()}
         for slot in far | self._shifted_slots:
-            pybullet.changeDynamics(
-                self._body.body_id, self._indices[slot], jointLowerLimit=float(low[slot]),
-                jointUpperLimit=float(high[slot]), physicsClientId=self._body.client)
+            self._body.change_joint(self._indices[slot], jointLowerLimit=float(low[slot]),
+                                    jointUpperLimit=float(high[slot]))
         self._shifted_slots = far

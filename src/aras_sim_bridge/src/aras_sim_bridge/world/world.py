@@ -29,12 +29,12 @@ from aras_sim_bridge.world.collision_filters import disable_distant_pairs
 from aras_sim_bridge.world.contact_forecast import ContactForecast
 from aras_sim_bridge.world.friction import ContactFriction
 from aras_sim_bridge.world.friction_correction import FrictionCorrection
+from aras_sim_bridge.world.ground_support import FIXED_BASE_ARRAYS
 from aras_sim_bridge.world.model import Model
 from aras_sim_bridge.world.model_checks import LARGEST, check_simulable
 from aras_sim_bridge.world.penetration_recovery import PenetrationRecovery
-from aras_sim_bridge.world.resting_base import FIXED_BASE_ARRAYS, RestingBases
-from aras_visual_servo_base.pose_checks import check_pose, check_vector
-from aras_visual_servo_base.poses import IDENTITY, Pose, Twist
+from aras_sim_bridge.world.resting_base import RestingBases
+from aras_visual_servo_base.poses import IDENTITY, Pose, Twist, check_pose, check_vector
 
 logger = logging.getLogger(__name__)
 

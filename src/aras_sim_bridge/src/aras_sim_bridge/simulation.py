@@ -440,7 +440,8 @@ class Simulation:
         """
         start_ns, step_ns, hardware = self.time_ns, self.step_ns, robot.hardware
         count = min(
-            int(min(until_ns, idle_ns) - start_ns) // step_ns, self.world.steps_until_contact
+            int(min(until_ns, idle_ns) - start_ns) // step_ns,
+            self.world.contact_forecast.steps_until_update,
         )
         made, end, diverged = run_cycles(
             count, start_ns, step_ns, loops, hardware.handle_rows, hardware.drive_rows, *physics

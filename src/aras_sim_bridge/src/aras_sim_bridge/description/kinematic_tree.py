@@ -7,6 +7,7 @@ constraint.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -139,33 +140,29 @@ class _SpanningTrees:
             # Breadth-first search: `pending` grows during this loop.
             for link in pending:
                 for joint in self._below.get(link, ()):
-                    if self._is_new(joint.child):
-                        pending.append(self._add(joint, joint.child, root, False))
+                    pending += self._reach(joint, joint.child, root, False)
             reached.update(pending)
             pending = []
-            for one in self._joints:
-                joint = one.joint
-                if joint.parent in reached and self._is_new(joint.child):
-                    pending = [self._add(joint, joint.child, root, False)]
-                    break
-            for one in self._joints if not pending else ():
-                joint = one.joint
-                if joint.child in reached and self._is_new(joint.parent):
-                    pending = [self._add(joint, joint.parent, root, True)]
-                    break
+            for is_reversed in (False, True):
+                for joint in (one.joint for one in self._joints):
+                    start, end = joint.parent, joint.child
+                    if is_reversed:
+                        start, end = end, start
+                    if not pending and start in reached:
+                        pending = self._reach(joint, end, root, is_reversed)
 
     def join(self, roots: Sequence[str]) -> None:
         """Merge all trees into one: fix the other `roots` to the first one."""
         self.carried_links = list(roots[1:])
         self.tree_of = dict.fromkeys(self.tree_of, roots[0])
 
-    def _is_new(self, link: str) -> bool:
-        return link not in self.tree_of
-
-    def _add(self, joint: Joint, link: str, root: str, is_reversed: bool) -> str:
+    def _reach(self, joint: Joint, link: str, root: str, is_reversed: bool) -> list[str]:
+        """Add a link to the tree of `root`; return [link], or [] if it already has a tree."""
+        if link in self.tree_of:
+            return []
         self.tree_of[link] = root
         self.edges[joint.name] = is_reversed
-        return link
+        return [link]
 
 
 def _make_tree(root: str, is_main: bool, all_links: Mapping[str, Link], poses: Mapping[str, Pose],
@@ -207,3 +204,14 @@ def _make_tree(root: str, is_main: bool, all_links: Mapping[str, Link], poses: M
             frames[root].inverse() @ poses[name]
         )
     return KinematicTree(root, links, found, tuple(loops))
+
+
+def compute_joint_position(joint: Joint, moved: Pose) -> float:
+    """Return the position of a joint (rad or m).
+
+    `moved` is the pose of the child's joint frame in the parent's; both coincide at position 0.
+    """
+    if joint.kind == "prismatic":
+        return sum(a * x for a, x in zip(joint.axis, moved.xyz, strict=True))
+    along = sum(a * x for a, x in zip(joint.axis, moved.quat, strict=False))
+    return math.remainder(2.0 * math.atan2(along, moved.quat[3]), 2.0 * math.pi)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import TypeVar
 from xml.etree.ElementTree import Element
 
+from aras_sim_bridge.description.kinematic_tree import compute_joint_position
 from aras_sim_bridge.description.types import Geometry, Light, Link, RobotDescription
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base import safe_xml
@@ -170,12 +170,7 @@ def _compute_joint_positions(
         parent, child = links.get(joint.parent), links.get(joint.child)
         if not joint.is_movable or parent is None or child is None:
             continue
-        moved = (parent @ joint.pose).inverse() @ child
-        if joint.kind == "prismatic":
-            position = sum(a * x for a, x in zip(joint.axis, moved.xyz, strict=True))
-        else:
-            along = sum(a * x for a, x in zip(joint.axis, moved.quat, strict=False))
-            position = math.remainder(2.0 * math.atan2(along, moved.quat[3]), 2.0 * math.pi)
+        position = compute_joint_position(joint, (parent @ joint.pose).inverse() @ child)
         low, high = joint.stops
         positions[joint.name] = min(max(position, low), high)
     return positions

@@ -60,8 +60,7 @@ class Attachments:
         Raises:
             WorldError: a model or link does not exist, or both links are the same.
         """
-        first, second = self._find_link(ends.model, ends.link), self._find_link(ends.other_model,
-                                                                    ends.other_link)
+        first, second = self._find_links(ends)
         if first == second:
             raise WorldError(f"link '{ends.link}' of model '{ends.model}' cannot be attached to "
                              "itself; name two links")
@@ -115,7 +114,7 @@ class Attachments:
     def disable_contacts(self) -> None:
         """Disable all contacts of the links that were attached with `collides=False`."""
         for ends in self._without_contacts:
-            second, index = self._find_link(ends.other_model, ends.other_link)
+            _, (second, index) = self._find_links(ends)
             pybullet.setCollisionFilterGroupMask(second.body_id, index, 0, 0,
                                                  physicsClientId=self._client)
 
@@ -124,45 +123,37 @@ class Attachments:
         del self._frames[ends]
         self._without_contacts.discard(ends)
 
-    def _find_bodies(self, ends: LinkPair) -> tuple[Model, Model]:
-        return self._find_link(ends.model, ends.link)[0], self._find_link(
-            ends.other_model, ends.other_link
-        )[0]
-
     def _find_attachments(self, model: Model) -> list[LinkPair]:
-        return [one for one in self._frames if model in self._find_bodies(one)]
+        return [one for one in self._frames if model in self._list_bodies(one)]
+
+    def _list_bodies(self, ends: LinkPair) -> list[Model]:
+        return [body for body, _ in self._find_links(ends)]
+
+    def _find_links(self, ends: LinkPair) -> tuple[tuple[Model, int], tuple[Model, int]]:
+        """Return the model and Bullet's link index of both links."""
+        return (self._find_link(ends.model, ends.link),
+                self._find_link(ends.other_model, ends.other_link))
 
     def _find_link(self, model: str, link: str) -> tuple[Model, int]:
         if model not in self._models:
             raise WorldError(f"model '{model}' does not exist; existing models: "
                              f"{', '.join(self._models) or 'none'}")
-        bodies = self._models[model].bodies
-        found = next((one for one in bodies if link in one.link_indices), bodies[0])
+        found = self._models[model].find_body(link) or self._models[model]
         return found, found.link_index(link)
 
     def _update_models(self) -> None:
-        attached = {id(body) for one in self._frames for body in self._find_bodies(one)}
+        attached = {id(body) for one in self._frames for body in self._list_bodies(one)}
         for model in self._models.values():
             model.is_attached = id(model) in attached
 
     def _make_constraint(self, ends: LinkPair) -> None:
-        (first, index), (second, other) = (self._find_link(ends.model, ends.link),
-                                           self._find_link(ends.other_model, ends.other_link))
+        (first, index), (second, other) = self._find_links(ends)
         first_frame = first.body.inertial_poses[ends.link].inverse() @ self._frames[ends]
         second_frame = second.body.inertial_poses[ends.other_link].inverse()
         joint = pybullet.createConstraint(
-            first.body_id,
-            index,
-            second.body_id,
-            other,
-            pybullet.JOINT_FIXED,
-            (0.0, 0.0, 0.0),
-            first_frame.xyz,
-            second_frame.xyz,
-            first_frame.quat,
-            second_frame.quat,
-            physicsClientId=self._client,
-        )
+            first.body_id, index, second.body_id, other, pybullet.JOINT_FIXED, (0.0, 0.0, 0.0),
+            first_frame.xyz, second_frame.xyz, first_frame.quat, second_frame.quat,
+            physicsClientId=self._client)
         pybullet.changeConstraint(joint, maxForce=_LARGEST_FORCE, physicsClientId=self._client)
         self._constraints[ends] = joint
         self._set_collision(ends, False)
@@ -174,7 +165,6 @@ class Attachments:
             self._set_collision(ends, True)
 
     def _set_collision(self, ends: LinkPair, collide: bool) -> None:
-        (first, index), (second, other) = (self._find_link(ends.model, ends.link),
-                                           self._find_link(ends.other_model, ends.other_link))
+        (first, index), (second, other) = self._find_links(ends)
         pybullet.setCollisionFilterPair(first.body_id, second.body_id, index, other, collide,
                                         physicsClientId=self._client)

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 
+from aras_sim_bridge.description.kinematic_tree import compute_joint_position
 from aras_sim_bridge.description.types import LoopJoint
 from aras_sim_bridge.world.bullet import pybullet
 from aras_sim_bridge.world.bullet_body import BulletBody
@@ -54,9 +55,5 @@ def _list_constraints(loop: LoopJoint) -> Iterator[tuple[int, Vector3, Vector3]]
 
 def compute_position(loop: LoopJoint, parent: Pose, child: Pose) -> float:
     """Return the position of a loop-closing joint (rad or m) from the poses of its links."""
-    joint = loop.joint
-    moved = (parent @ loop.in_parent).inverse() @ child @ loop.in_child
-    if joint.kind == "prismatic":
-        return sum(a * x for a, x in zip(joint.axis, moved.xyz, strict=True))
-    along = sum(a * x for a, x in zip(joint.axis, moved.quat, strict=False))
-    return math.remainder(2.0 * math.atan2(along, moved.quat[3]), 2.0 * math.pi)
+    return compute_joint_position(
+        loop.joint, (parent @ loop.in_parent).inverse() @ child @ loop.in_child)

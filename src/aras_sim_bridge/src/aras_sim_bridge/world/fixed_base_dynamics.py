@@ -27,6 +27,7 @@ from aras_visual_servo_base.poses import (
     conjugate,
     cross,
     rotate,
+    skew,
     subtract,
 )
 
@@ -172,9 +173,7 @@ def _spatial_inertia(mass: float, first: np.ndarray, second: np.ndarray) -> np.n
         first: (3,) mass times centre of mass, kg m.
         second: (6,) inertia tensor about the origin (xx xy xz yy yz zz), kg m².
     """
-    x, y, z = first
-    cross_first = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     inertia = np.diag([mass] * 6)
-    inertia[:3, :3], inertia[:3, 3:] = inertia_tensor(second), cross_first
-    inertia[3:, :3] = -cross_first
+    inertia[:3, :3], inertia[:3, 3:] = inertia_tensor(second), skew(first)
+    inertia[3:, :3] = -skew(first)
     return inertia

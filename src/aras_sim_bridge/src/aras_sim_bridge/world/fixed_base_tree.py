@@ -16,7 +16,7 @@ from aras_sim_bridge.world.joint_dynamics import (
     STIFFNESS,
     UPPER,
 )
-from aras_visual_servo_base.poses import IDENTITY, Pose
+from aras_visual_servo_base.poses import IDENTITY, Pose, skew
 
 UPPER_TRIANGLE = np.triu_indices(3)
 _BODY = 50  # number of columns of FixedBaseTree.bodies
@@ -90,9 +90,8 @@ class FixedBaseTree:
         """
         rotation, u = at.matrix()[:3, :3], np.array(axis)
         along = np.outer(u, u)
-        skew = np.array([[0.0, -u[2], u[1]], [u[2], 0.0, -u[0]], [-u[1], u[0], 0.0]])
         row = self.bodies[body]
-        for k, part in enumerate((along, np.eye(3) - along, skew)):
+        for k, part in enumerate((along, np.eye(3) - along, skew(u))):
             row[9 * k : 9 * k + 9] = (rotation @ part).ravel()
         row[27:30] = at.xyz
         row[30:33] = u

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from aras_sim_bridge.world.bullet import find_contacts, pybullet
+from aras_sim_bridge.world.bullet import compute_point_velocity, find_contacts, pybullet
 from aras_sim_bridge.world.impacts import Impacts
 from aras_sim_bridge.world.model import Model
 from aras_visual_servo_base.poses import Vector3, add, cross, scale, subtract
@@ -91,7 +91,8 @@ class FrictionCorrection:
         for _, other, link, numbers in contacts:
             point, normal = numbers[:3], numbers[4:7]
             slip = add(linear, cross(angular, subtract(point, centre)))
-            slip = subtract(slip, self._compute_point_velocity(other, link, point))
+            if link >= 0 or other not in self._fixed:
+                slip = subtract(slip, compute_point_velocity(other, link, point, self._client))
             normal_speed = sum(a * b for a, b in zip(slip, normal, strict=True))
             slip = subtract(slip, scale(normal, normal_speed))
             speed, magnitude = math.hypot(*slip), math.hypot(numbers[7], numbers[11])
@@ -106,15 +107,3 @@ class FrictionCorrection:
     def _apply_force(self, body: int, link: int, force: Vector3, point: Vector3) -> None:
         pybullet.applyExternalForce(body, link, force, point, pybullet.WORLD_FRAME,
                                     physicsClientId=self._client)
-
-    def _compute_point_velocity(self, body: int, link: int, point: Vector3) -> Vector3:
-        """Return the velocity (m/s) of a link at the position `point` in the world."""
-        if link >= 0:
-            state = pybullet.getLinkState(body, link, True, True, self._client)
-            centre, linear, angular = state[0], state[6], state[7]
-        elif body in self._fixed:
-            return (0.0, 0.0, 0.0)
-        else:
-            centre = pybullet.getBasePositionAndOrientation(body, self._client)[0]
-            linear, angular = pybullet.getBaseVelocity(body, self._client)
-        return add(linear, cross(angular, subtract(point, centre)))

@@ -19,7 +19,7 @@ from itertools import combinations
 import numpy as np
 
 from aras_sim_bridge.description.types import GraspFixPlugin, GripperDescription
-from aras_sim_bridge.world.attachments import Attachments, LinkPair
+from aras_sim_bridge.world.attachments import LinkPair
 from aras_sim_bridge.world.bullet import find_contacts, pybullet
 from aras_sim_bridge.world.model import Model
 from aras_sim_bridge.world.world import World
@@ -104,17 +104,17 @@ class GraspFix:
         self._world = world
         self._arm_of = {finger: arm for arm in description.arms for finger in arm.fingers}
         self.grasped: dict[str, GraspedLink] = {}
-        self._clear()
+        self.reset()
 
-    def _clear(self) -> None:
+    def reset(self) -> None:
+        """Reset the counters of all objects.
+
+        This is called after the clock jumped and all objects were detached.
+        """
         self.grasped.clear()
         self._counts: dict[LinkId, int] = {}
         self._finger_contacts: dict[LinkId, dict[str, FingerContact]] = {}
         self._due_ns = 0
-
-    @property
-    def _attachments(self) -> Attachments:
-        return self._world.attachments
 
     @property
     def idle_until_ns(self) -> int:
@@ -125,13 +125,6 @@ class GraspFix:
         if self.model.joints.has_own_dynamics and not self._counts and not self._finger_contacts:
             return _NEVER
         return self._due_ns - 1
-
-    def reset(self) -> None:
-        """Reset the counters of all objects.
-
-        This is called after the clock jumped and all objects were detached.
-        """
-        self._clear()
 
     def after_step(self, time_ns: int) -> None:
         """Record the finger contacts of the step that ended at `time_ns` (simulated time, ns).
@@ -174,11 +167,11 @@ class GraspFix:
 
     def _update_counts(self) -> None:
         pressed = {thing: fingers for thing, fingers in self._finger_contacts.items()
-                   if self._exists(thing)}
+                   if self._find_body(thing) is not None}
         self._finger_contacts = {}
         for name, grasped in list(self.grasped.items()):
             # the model of the grasped object has been deleted
-            if grasped.ends not in self._attachments:
+            if grasped.ends not in self._world.attachments:
                 del self.grasped[name]
         gripped = [thing for thing, fingers in pressed.items()
                    if has_opposed_forces((one.force / one.steps for one in fingers.values()),
@@ -195,13 +188,9 @@ class GraspFix:
             if self._counts[thing] <= 0 and thing not in self._arms_by_link():
                 del self._counts[thing]
 
-    def _exists(self, link: LinkId) -> bool:
-        return self._find_body(link) is not None
-
     def _find_body(self, link: LinkId) -> Model | None:
         model = self._world.models.get(link[0])
-        bodies = model.bodies if model is not None else ()
-        return next((one for one in bodies if link[1] in one.link_indices), None)
+        return None if model is None else model.find_body(link[1])
 
     def _read_pose(self, link: LinkId) -> Pose:
         return self._find_body(link).link_pose(link[1])
@@ -219,7 +208,7 @@ class GraspFix:
             return
         ends = LinkPair(self.model.name, arm.palm, *link)
         touched = {finger: one for finger, one in fingers.items() if finger in arm.fingers}
-        self._attachments.attach(ends, collides=self.description.collides)
+        self._world.attachments.attach(ends, collides=self.description.collides)
         self.grasped[arm.name] = GraspedLink(link, ends, touched)
         log.info("model '%s': arm '%s' holds '%s::%s'", self.model.name, arm.name, *link)
 
@@ -234,7 +223,7 @@ class GraspFix:
             before = np.linalg.norm(point - one.origin / one.steps)
             now = np.linalg.norm(self.model.link_pose(finger).apply(point) - origin)
             if abs(now - before) > self.description.release_tolerance:
-                self._attachments.detach(self.grasped.pop(name).ends)
+                self._world.attachments.detach(self.grasped.pop(name).ends)
                 self._counts[link] = 0
                 log.info("model '%s': arm '%s' releases '%s::%s'", self.model.name, name, *link)
                 return

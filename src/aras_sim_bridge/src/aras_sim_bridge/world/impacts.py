@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 
-from aras_sim_bridge.world.bullet import pybullet
+from aras_sim_bridge.world.bullet import compute_point_velocity, pybullet
 from aras_sim_bridge.world.model import Model
 from aras_visual_servo_base.poses import (
     Vector3,
@@ -115,7 +115,7 @@ class Impacts:
             for point in pybullet.getClosestPoints(body, other, travel,
                                                    physicsClientId=self._client):
                 self._steps_without_check[body] = 0
-                found = self._find_impact(body, linear, angular, point, dt)
+                found = self._find_impact(body, point, dt)
                 if found is not None and (first is None or found[0] < first[0]):
                     first = found
         if first is None:
@@ -135,13 +135,13 @@ class Impacts:
                             for link in self._links[body]), strict=True)
         return tuple(map(min, *lows, lows[0])), tuple(map(max, *highs, highs[0]))
 
-    def _find_impact(self, body: int, linear: Vector3, angular: Vector3, point: tuple, dt: float
-                ) -> tuple[float, int, _LinkId, float, Vector3, Vector3] | None:
+    def _find_impact(
+        self, body: int, point: tuple, dt: float
+    ) -> tuple[float, int, _LinkId, float, Vector3, Vector3] | None:
         """Predict the impact of a body at one of Bullet's closest points.
 
         Args:
             body: Bullet's body id.
-            linear, angular: velocity of the body, m/s and rad/s.
             point: entry of pybullet.getClosestPoints for the body and another body.
             dt: time step, s.
 
@@ -152,15 +152,13 @@ class Impacts:
             is 0. None if no impact is predicted.
         """
         other = point[2]
-        speed, drift = (
-            self._compute_closing_speed(body, linear, angular, point[5], point[7]),
-            (0.0, 0.0, 0.0),
-        )
+        # Speeds are in the direction of -normal, along which the body approaches the other one.
+        speed = -_dot(compute_point_velocity(body, -1, point[5], self._client), point[7])
+        drift = (0.0, 0.0, 0.0)
         if other in self._links:
-            twist = pybullet.getBaseVelocity(other, self._client)
-            speed -= self._compute_closing_speed(other, *twist, point[6], point[7])
+            speed += _dot(compute_point_velocity(other, -1, point[6], self._client), point[7])
         elif other in self._jointed:
-            drift = self._compute_point_velocity((other, point[4]), point[6])
+            drift = compute_point_velocity(other, point[4], point[6], self._client)
             speed += _dot(drift, point[7])
         if speed < _SLOWEST or point[8] < -_PENETRATION:
             return None
@@ -173,24 +171,6 @@ class Impacts:
         if time >= _STEP_MARGIN * dt:
             return None
         return time, point[3], (other, point[4]), restitution, point[7], drift
-
-    def _compute_closing_speed(self, body: int, linear: Vector3, angular: Vector3, point: Vector3,
-                 normal: Vector3) -> float:
-        """Return the speed of a point of a body in the direction of -`normal`, m/s."""
-        centre = pybullet.getBasePositionAndOrientation(body, self._client)[0]
-        return -_dot(add(linear, cross(angular, subtract(point, centre))), normal)
-
-    def _compute_point_velocity(self, part: _LinkId, point: Vector3) -> Vector3:
-        """Return the velocity (m/s) of a point on a link; the body must have joints."""
-        body, link = part
-        if link < 0:
-            centre = pybullet.getBasePositionAndOrientation(body, self._client)[0]
-            linear, angular = pybullet.getBaseVelocity(body, self._client)
-        else:
-            state = pybullet.getLinkState(body, link, computeLinkVelocity=True,
-                                          physicsClientId=self._client)
-            centre, linear, angular = state[0], state[6], state[7]
-        return add(linear, cross(angular, subtract(point, centre)))
 
     def _advance(self, body: int, time: float, drift: Vector3 = (0.0, 0.0, 0.0)) -> None:
         """Move a body for `time` s with its velocity minus `drift` (m/s)."""

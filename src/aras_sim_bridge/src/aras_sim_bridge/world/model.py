@@ -248,6 +248,10 @@ class Model:
             raise UnknownLinkError(self.name, name, self.link_names)
         return index
 
+    def find_body(self, link: str) -> Model | None:
+        """Return the model or the separate part of it that has a link; None if there is none."""
+        return next((body for body in self.bodies if link in body.body.links), None)
+
     def list_base_links(self) -> frozenset[int]:
         """Return Bullet's indices of the root and of all links that are fixed to it."""
         base = [self.description.root]

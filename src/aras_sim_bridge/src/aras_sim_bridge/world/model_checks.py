@@ -1,11 +1,12 @@
-"""Checks before a model is loaded into Bullet: whether it can be simulated."""
+"""Checks before a model is loaded into Bullet, and the start positions of its joints."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 
 from aras_sim_bridge.description.inertia import principal_axes
 from aras_sim_bridge.description.types import Geometry, Inertial, Link, RobotDescription
-from aras_sim_bridge.errors import WorldError
+from aras_sim_bridge.errors import UnknownJointError, WorldError
+from aras_visual_servo_base.poses import Pose, check_pose
 
 # Largest length (m) and mass (kg) of a model's parts. Beyond this length, coordinates in double
 # precision do not resolve a micrometre, and Bullet's bounding boxes overflow.
@@ -103,3 +104,46 @@ def _check_joints(description: RobotDescription, name: str) -> None:
                 f"model '{name}': joint '{joint.name}' moves link '{joint.child}', which has no "
                 "mass; add an <inertial> to this link"
             )
+
+
+def check_start_pose(pose: object, name: str) -> Pose:
+    """Return the pose of a model with a normalised quaternion; a zero quaternion is the identity.
+
+    Raises:
+        WorldError: a number is not finite, or the position is too far away.
+    """
+    pose = check_pose(pose, f"model '{name}'", WorldError, zero_is_identity=True)
+    if math.hypot(*pose.xyz) > LARGEST:
+        raise WorldError(f"model '{name}': position {pose.xyz} is beyond {LARGEST:.0e} m")
+    return pose
+
+
+def compute_start_positions(
+    descriptions: Sequence[RobotDescription], name: str, positions: Mapping[str, float]
+) -> list[dict[str, float]]:
+    """Return the start positions of the joints (rad or m), one mapping per description.
+
+    A model consists of several descriptions if joints do not connect all its links. Joints that
+    mimic one in `positions` follow it.
+
+    Raises:
+        WorldError: a joint does not exist or does not move, or a position is not finite.
+    """
+    every = tuple(joint for one in descriptions for joint in one.list_moving_joints())
+    for joint, value in positions.items():
+        if joint not in every:
+            raise UnknownJointError(name, joint, every)
+        if not math.isfinite(value):
+            raise WorldError(f"model '{name}', joint '{joint}': position {value} is not finite; "
+                             "give a finite number")
+    starts = []
+    for description in descriptions:
+        moving = description.list_moving_joints()
+        start = {joint: float(value) for joint, value in positions.items() if joint in moving}
+        for _ in moving:  # repeated, because a joint may mimic one that mimics another one
+            for joint in moving:
+                mimic = description.joints[joint].mimic
+                if mimic is not None and joint not in positions:
+                    start[joint] = mimic.multiplier * start.get(mimic.joint, 0.0) + mimic.offset
+        starts.append(start)
+    return starts

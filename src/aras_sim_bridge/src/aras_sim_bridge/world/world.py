@@ -1,55 +1,31 @@
 """The World: models that are simulated together, by Bullet or by joint_dynamics.py."""
 
 import logging
-import math
-import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from aras_sim_bridge.description import shape_meshes
-from aras_sim_bridge.description.gazebo_materials import COLOURS
-from aras_sim_bridge.description.types import (
-    Collision,
-    Geometry,
-    Link,
-    RobotDescription,
-    Visual,
-)
-from aras_sim_bridge.errors import (
-    UnknownJointError,
-    UnknownModelError,
-    WindowError,
-    WorldError,
-)
-from aras_sim_bridge.world import bullet_files
+from aras_sim_bridge.description.types import RobotDescription
+from aras_sim_bridge.errors import UnknownModelError, WorldError
+from aras_sim_bridge.world import bullet_files, model_checks
 from aras_sim_bridge.world.attachments import Attachments
-from aras_sim_bridge.world.bullet import connect, pybullet, release_client, silence_output
+from aras_sim_bridge.world.bullet import pybullet
+from aras_sim_bridge.world.bullet_client import BulletClient
 from aras_sim_bridge.world.collision_filters import disable_distant_pairs
 from aras_sim_bridge.world.contact_forecast import ContactForecast
 from aras_sim_bridge.world.friction import ContactFriction
 from aras_sim_bridge.world.friction_correction import FrictionCorrection
+from aras_sim_bridge.world.ground_plane import make_ground_plane
 from aras_sim_bridge.world.ground_support import FIXED_BASE_ARRAYS
 from aras_sim_bridge.world.model import Model
-from aras_sim_bridge.world.model_checks import LARGEST, check_simulable
 from aras_sim_bridge.world.penetration_recovery import PenetrationRecovery
+from aras_sim_bridge.world.physics_parameters import PhysicsParameters
 from aras_sim_bridge.world.resting_base import RestingBases
-from aras_visual_servo_base.poses import IDENTITY, Pose, Twist, check_pose, check_vector
+from aras_visual_servo_base.poses import IDENTITY, Pose, Twist
 
 logger = logging.getLogger(__name__)
-
-# Smallest time step of the physics, s. Simulated time is counted in whole nanoseconds, so a step
-# must be much longer than 1 ns.
-SMALLEST_STEP = 1e-6
-# Largest time step of the physics, s. With longer steps, neither PID controllers nor contacts are
-# stable.
-LARGEST_STEP = 0.1
-# Largest component of the gravity vector, m/s²; as in Gazebo's dynamic_reconfigure.
-GRAVITY_BOUND = 100.0
-# Bullet's solver stops when the squared change of the impulses in one sweep is below this value.
-# With Bullet's default of 1e-7, joint positions have errors of 2e-4 rad. With 1e-12, the errors are
-# 6e-7 rad, and a step takes 3 us longer.
-SOLVER_RESIDUAL = 1e-12
 
 
 class World:
@@ -84,91 +60,37 @@ class World:
     def __init__(self, time_step: float = 0.001,
                  gravity: tuple[float, float, float] = (0.0, 0.0, -9.8), gui: bool = False,
                  solver_iterations: int = 50) -> None:
-        self._time_step = _check_step(time_step)
-        self._gravity = _check_gravity(gravity)
-        self._iterations = _check_iterations(solver_iterations)
+        self._physics = PhysicsParameters(time_step, gravity, solver_iterations)
         self.models: dict[str, Model] = {}
         self._own_dynamics_models: list[Model] = []
         self._bullet_models: list[Model] = []
         self._bullet_steps = self._has_disabled_pairs = False
         self.contact_forecast = ContactForecast(self.models, gui)
         self.revision = 0
-        try:
-            self.client = connect(gui)
-        except pybullet.error as error:
-            raise WindowError(
-                f"Bullet cannot open its window ({error}); start with gui:=false") from None
-        if self.client < 0:
-            raise WorldError("Bullet does not start: it has no free client, or gui:=true has no "
-                             "display; close other worlds, or start with gui:=false")
-        self._gui = self._has_stepped = gui
-        # Bullet needs 30 MB for a robot. The finalizer releases this memory even if `close` is not
-        # called.
-        self._finalizer = weakref.finalize(self, pybullet.disconnect, self.client)
-        self._finalizer.atexit = False
-        # Hide the side panels and the shadows of the window, because they take half of the drawing
-        # time.
-        if gui:
-            for part in (pybullet.COV_ENABLE_GUI, pybullet.COV_ENABLE_SHADOWS):
-                pybullet.configureDebugVisualizer(part, False, physicsClientId=self.client)
-        self._has_direct_solver = False
+        self._bullet = BulletClient(gui)
+        self.client = self._bullet.id
+        self._gui = gui
         self.friction = ContactFriction(self.client)
         self._sliding = FrictionCorrection(self.client)
         self._deep = PenetrationRecovery(self.client, self.models)
         self.resting_bases = RestingBases(self.models, self._update_models)
         self.attachments = Attachments(self.client, self.models, self._update_attachments)
-        self._configure()
-
-    def _configure(self) -> None:
-        pybullet.setPhysicsEngineParameter(
-            fixedTimeStep=self._time_step, numSolverIterations=self._iterations,
-            solverResidualThreshold=SOLVER_RESIDUAL, deterministicOverlappingPairs=True,
-            # Read meshes and other files again for each model, because they may have changed.
-            enableFileCaching=False,
-            # With split impulses, a joint may remain more than 4 cm beyond its limit (bullet3 issue
-            # 2944).
-            useSplitImpulse=False,
-            # Apply restitution at any speed; impacts.py sets the coefficient for each impact.
-            restitutionVelocityThreshold=0.0,
-            # With mode 0, a pair of links is tested if the collision filters of both links accept
-            # the pair. By default, one accepting filter suffices.
-            collisionFilterMode=0,
-            physicsClientId=self.client)
-        pybullet.setGravity(*self._gravity, physicsClientId=self.client)
-
-    def _choose_solver(self) -> None:
-        """Choose the direct solver for friction, stops and motors if all bases are fixed.
-
-        For an arm with strongly coupled joints, such as the ARAS arm, the iterative solver needs
-        hundreds of sweeps per step, and Dantzig's direct solver is faster. However, Bullet itself
-        changes to the iterative solver in steps with contacts, and a body on the ground would shake
-        at each change. Therefore the iterative solver is used throughout if there are free models,
-        closed chains or attachments.
-        """
-        direct = not self.attachments and all(model.fixed_base and not model.description.loops
-                                              for model in self.models.values())
-        if direct != self._has_direct_solver:
-            self._has_direct_solver = direct
-            solver = (pybullet.CONSTRAINT_SOLVER_LCP_DANTZIG if direct
-                      else pybullet.CONSTRAINT_SOLVER_LCP_SI)
-            with silence_output():  # switching the solver makes Bullet print "switched solver"
-                pybullet.setPhysicsEngineParameter(constraintSolverType=solver,
-                                                   physicsClientId=self.client)
+        self._physics.apply(self.client)
 
     @property
     def time_step(self) -> float:
         """Time step, s."""
-        return self._time_step
+        return self._physics.time_step
 
     @property
     def gravity(self) -> tuple[float, float, float]:
         """Gravity vector, m/s²."""
-        return self._gravity
+        return self._physics.gravity
 
     @property
     def solver_iterations(self) -> int:
         """Largest number of sweeps of the constraint solver."""
-        return self._iterations
+        return self._physics.solver_iterations
 
     def set_physics(self, time_step: float | None = None,
                     gravity: tuple[float, float, float] | None = None,
@@ -178,15 +100,15 @@ class World:
         Raises:
             WorldError: a value is invalid; nothing is changed.
         """
-        step = self._time_step if time_step is None else _check_step(time_step)
-        new_gravity = self._gravity if gravity is None else _check_gravity(gravity)
-        sweeps = (self._iterations if solver_iterations is None
-                  else _check_iterations(solver_iterations))
+        changes = dict(time_step=time_step, gravity=gravity, solver_iterations=solver_iterations)
+        physics = replace(
+            self._physics, **{name: new for name, new in changes.items() if new is not None}
+        )
         self.resting_bases.release()
-        self._time_step, self._gravity, self._iterations = step, new_gravity, sweeps
-        self._configure()
+        self._physics = physics
+        physics.apply(self.client)
         for model in self.models.values():
-            model.update_physics(new_gravity)
+            model.update_physics(physics.gravity)
 
     def spawn(self, description: RobotDescription, name: str, pose: Pose = IDENTITY,
               joint_positions: Mapping[str, float] | None = None,
@@ -215,41 +137,23 @@ class World:
                              "name")
         whole = (description, *description.parts)
         for one in whole:
-            check_simulable(one, name)
+            model_checks.check_simulable(one, name)
             for text in shape_meshes.read_mesh_files(one, name):
                 logger.warning("%s", text)
-        pose = check_pose(pose, f"model '{name}'", WorldError, zero_is_identity=True)
-        if math.hypot(*pose.xyz) > LARGEST:
-            raise WorldError(f"model '{name}': position {pose.xyz} is beyond {LARGEST:.0e} m")
-        starts = _compute_start_positions(whole, name, joint_positions or {})
-        bodies = pybullet.getNumBodies(physicsClientId=self.client)
+        pose = model_checks.check_start_pose(pose, name)
+        starts = model_checks.compute_start_positions(whole, name, joint_positions or {})
+        bodies = self._bullet.count_bodies()
         spawned: list[Model] = []
         try:
             for one, start in zip(whole, starts, strict=True):
-                own_name, own_pose = name, pose
-                if spawned:
-                    own_name, own_pose = (
-                        f"{name}::{one.root}",
-                        pose @ Pose.from_rpy(*one.initial_pose),
-                    )
-                fixed = bullet_files.is_root_fixed(one, None if spawned else fixed_base)
-                spawned.append(
-                    Model(
-                        self.client,
-                        one,
-                        own_name,
-                        own_pose,
-                        start,
-                        fixed,
-                        self._gravity,
-                        self._on_model_move,
-                        spawned[0] if spawned else None,
-                    )
-                )
+                main = spawned[0] if spawned else None
+                fixed = bullet_files.is_root_fixed(one, fixed_base if main is None else None)
+                own_name = name if main is None else f"{name}::{one.root}"
+                own_pose = pose if main is None else pose @ Pose.from_rpy(*one.initial_pose)
+                spawned.append(Model(self.client, one, own_name, own_pose, start, fixed,
+                                     self.gravity, self._on_model_move, main))
         except WorldError:
-            for i in range(pybullet.getNumBodies(physicsClientId=self.client) - 1, bodies - 1, -1):
-                pybullet.removeBody(pybullet.getBodyUniqueId(i, physicsClientId=self.client),
-                                    physicsClientId=self.client)
+            self._bullet.remove_bodies(bodies)
             raise
         for model in spawned:
             self.models[model.name] = model
@@ -263,11 +167,7 @@ class World:
 
     def spawn_ground_plane(self, name: str = "ground_plane") -> Model:
         """Add Gazebo's grey ground plane, z = 0. It is infinite, but drawn 100 m wide."""
-        plane = Geometry("plane", size=(100.0, 100.0, 0.0))
-        link = Link("link", None, (Visual("visual", (0, 0, 0), (0, 0, 0), plane),),
-                    (Collision("collision", (0, 0, 0), (0, 0, 0), plane),), mu=100.0)
-        return self.spawn(RobotDescription(name, "link", {"link": link}, {}, static=True,
-                                           colours={"link": COLOURS["Gazebo/Grey"]}), name)
+        return self.spawn(make_ground_plane(name), name)
 
     @property
     def main_models(self) -> dict[str, Model]:
@@ -308,7 +208,7 @@ class World:
             DescriptionError: a mesh file has been damaged meanwhile; nothing is changed.
         """
         model = self.models.get(name) or self.model(name)
-        check_simulable(description, name)
+        model_checks.check_simulable(description, name)
         shape_meshes.read_mesh_files(description, name)
         self.resting_bases.release()
         self.attachments.suspend(model)
@@ -330,7 +230,9 @@ class World:
         self.friction.set_models(self.models.values())
         self._sliding.set_models(self.models.values())
         self._deep.start_watching()
-        self._choose_solver()
+        self._bullet.choose_solver(
+            not self.attachments and all(model.fixed_base and not model.description.loops
+                                         for model in self.models.values()))
         self.contact_forecast.refresh()
         self._has_disabled_pairs = False
         self._update_contact_forecast()
@@ -357,17 +259,15 @@ class World:
 
     def _update_contact_forecast(self) -> None:
         """Choose for each model whether Bullet steps it (see contact_forecast.py)."""
-        self.contact_forecast.update(self._time_step)
+        self.contact_forecast.update(self.time_step)
         models = self.models.values()
         self._own_dynamics_models = [model for model in models if model.joints.has_own_dynamics]
         self._bullet_steps = self._gui or any(
             not (model.fixed_base and (model.body.is_asleep or not model.joint_names))
             for model in models)
         self._bullet_models = [
-            model
-            for model in models
-            if self._bullet_steps and model.needs_steps and not model.joints.has_own_dynamics
-        ]
+            model for model in models
+            if self._bullet_steps and model.needs_steps and not model.joints.has_own_dynamics]
         if self._bullet_steps and not self._has_disabled_pairs:
             self._has_disabled_pairs = True
             disable_distant_pairs(list(models))
@@ -387,7 +287,7 @@ class World:
         if self.contact_forecast.steps_until_update <= 0:
             self._update_contact_forecast()
         self.contact_forecast.steps_until_update -= 1
-        dt = self._time_step
+        dt = self.time_step
         for model in (*self._own_dynamics_models, *self._bullet_models):
             model.check_efforts()
         for model in self._own_dynamics_models:
@@ -411,16 +311,11 @@ class World:
         if self._deep.is_active:
             self._deep.before_step(dt)
         pybullet.stepSimulation(self.client)
-        self._has_stepped = True
+        self._bullet.is_unused = False
         if self._deep.is_active:
             self._deep.after_step(dt)
         for model in self._bullet_models:
             model.after_step()
-
-    @property
-    def steps_until_contact(self) -> int:
-        """Number of steps that can be made before a contact with the models becomes possible."""
-        return self.contact_forecast.steps_until_update
 
     def get_compiled_step(self, model: Model) -> tuple[np.ndarray | float, ...] | None:
         """Return the arguments of cycle.run_cycles from `bodies` on, to make steps of `model`.
@@ -436,14 +331,12 @@ class World:
             or self.resting_bases.is_new
             or self.resting_bases.is_active
             or self.contact_forecast.is_base_touchable
+            or not model.joints.is_calm
         ):
             return None
-        joints, held = model.joints, self.resting_bases.fixed_bases
-        if not joints.is_calm:
-            return None
+        space, held = model.joints.space, self.resting_bases.fixed_bases
         base_arrays = held[0].arrays[5:] if held else FIXED_BASE_ARRAYS
-        space = joints.space
-        return *space.arrays, self._time_step, bool(held), space.previous_speeds, *base_arrays
+        return *space.arrays, self.time_step, bool(held), space.previous_speeds, *base_arrays
 
     def finish_compiled_steps(
         self, model: Model, count: int, diverged_joint: int = -1, is_base_supported: bool = True
@@ -462,7 +355,7 @@ class World:
         model.joints.finish_steps(diverged_joint)
         self.contact_forecast.steps_until_update -= count
         for _ in range(count if self._bullet_steps else 0):
-            self._step_bullet(self._time_step)
+            self._step_bullet(self.time_step)
         if not is_base_supported:
             self.resting_bases.release_overload()
 
@@ -488,20 +381,17 @@ class World:
         for model in self.models.values():
             shape_meshes.read_mesh_files(model.description, model.name)
         self.resting_bases.release()
-        pybullet.resetSimulation(physicsClientId=self.client)
+        self._bullet.reset()
         self.attachments.clear()
         self._deep.clear()
-        self._has_direct_solver = False
-        self._configure()
+        self._physics.apply(self.client)
         for model in self.models.values():
             model.reload()
         self._update_models()
 
     def close(self) -> None:
         """Release the Bullet client; a second call has no effect."""
-        self._finalizer.detach()
-        if self.client >= 0 and pybullet.isConnected(self.client):
-            release_client(self.client, not self._has_stepped)
+        self._bullet.close()
         self.client = -1
 
     def __enter__(self) -> "World":
@@ -509,59 +399,3 @@ class World:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-def _check_step(value: float) -> float:
-    if not (isinstance(value, (int, float)) and SMALLEST_STEP <= value <= LARGEST_STEP):
-        raise WorldError(
-            f"time step {value} s is not in [{SMALLEST_STEP}, {LARGEST_STEP}]; use 0.001, for "
-            "example"
-        )
-    return float(value)
-
-
-def _check_gravity(value: tuple) -> tuple[float, float, float]:
-    gravity = check_vector(value, "gravity", WorldError)
-    if max(abs(g) for g in gravity) > GRAVITY_BOUND:
-        raise WorldError(
-            f"gravity {gravity} has a component beyond ±{GRAVITY_BOUND} m/s²; reduce it"
-        )
-    return gravity
-
-
-def _check_iterations(value: int) -> int:
-    if not 1 <= value <= 10000 or value != int(value):
-        raise WorldError(
-            f"solver iterations are {value}, must be a whole number from 1 to 10000"
-        )
-    return int(value)
-
-
-def _compute_start_positions(
-    descriptions: Sequence[RobotDescription], name: str, positions: Mapping[str, float]
-) -> list[dict[str, float]]:
-    """Return the start positions of the joints (rad or m), one mapping per description.
-
-    A model consists of several descriptions if joints do not connect all its links.
-    """
-    every = tuple(joint for one in descriptions for joint in one.list_moving_joints())
-    for joint, value in positions.items():
-        if joint not in every:
-            raise UnknownJointError(name, joint, every)
-        if not math.isfinite(value):
-            raise WorldError(f"model '{name}', joint '{joint}': position {value} is not finite; "
-                    "give a finite number")
-    return [_compute_start(one, positions) for one in descriptions]
-
-
-def _compute_start(
-    description: RobotDescription, positions: Mapping[str, float]
-) -> dict[str, float]:
-    moving = description.list_moving_joints()
-    start = {joint: float(value) for joint, value in positions.items() if joint in moving}
-    for _ in moving:
-        for joint in moving:
-            mimic = description.joints[joint].mimic
-            if mimic is not None and joint not in positions:
-                start[joint] = mimic.multiplier * start.get(mimic.joint, 0.0) + mimic.offset
-    return start

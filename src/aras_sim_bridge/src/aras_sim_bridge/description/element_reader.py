@@ -5,7 +5,6 @@ from __future__ import annotations
 from xml.etree.ElementTree import Element
 
 from aras_visual_servo_base import safe_xml
-from aras_visual_servo_base.poses import Vector3
 
 
 class ElementReader:
@@ -48,7 +47,3 @@ class ElementReader:
     def read_bool(self, tag: str, default: bool) -> bool:
         """Return a truth value."""
         return safe_xml.parse_bool(self.read_text(tag), self.prefix + tag, default)
-
-    def read_direction(self, tag: str, default: Vector3) -> Vector3:
-        """Return a vector of length 1."""
-        return safe_xml.parse_direction(self.read_text(tag), self.prefix + tag, default)

@@ -72,10 +72,8 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
         DescriptionError: a supported tag has an invalid value.
     """
     tags = GazeboTags(dict(links), dict(joints), poses=dict(poses))
-    found: list[ControlPlugin | SensorDescription | GraspFixPlugin] = []
-    cameras: list[CameraDescription] = []
-    sensors: list[SensorDescription] = []
-    force_torque_tags: dict[str, Element] = {}
+    found: list[plugins.Plugin] = []
+    sensors = sensor_tags.ModelSensors(warnings)
     ignored: list[tuple[str, str]] = []
     blocks = [_unify(block, warnings) for block in root.findall("gazebo")]
     for block in blocks:
@@ -83,9 +81,11 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
         where = f"<gazebo reference='{shorten(reference)}'>" if reference else "<gazebo>"
         if reference is None:
             tags.static = parse_bool(find_text(block, "static"), "<gazebo>: static", tags.static)
-            found += plugins.read(
+            block_plugins = plugins.read(
                 block, "<gazebo>", (ControlPlugin, SensorDescription, GraspFixPlugin), warnings,
                 [joint.name for joint in joints.values() if joint.mimic is not None])
+            found += block_plugins
+            sensors.add_plugins(block_plugins)
             ignored += ignored_elements.find_ignored_elements(block, "gazebo", where)
             for node in block.findall("link"):
                 try:
@@ -93,16 +93,14 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
                 except DescriptionError as error:
                     warnings.append(f"{error}; the link is ignored")
                     continue
-                sensor_tags.read_link_sensors(
-                    node, node.get("name"), cameras, sensors, found, warnings
-                )
+                sensors.read_link(node, node.get("name"))
         elif reference in links:
             _read_link_flags(block, reference, tags, warnings)
-            sensor_tags.read_link_sensors(block, reference, cameras, sensors, found, warnings)
+            sensors.read_link(block, reference)
             ignored += ignored_elements.find_ignored_elements(block, "gazebo link", where)
         elif reference in joints:
             _read_joint_settings(block, reference, tags, warnings)
-            found += sensor_tags.read_joint_sensors(block, reference, force_torque_tags, warnings)
+            sensors.read_joint(block, reference)
             ignored += ignored_elements.find_ignored_elements(block, "gazebo joint", where)
         else:
             warnings.append(f"{where} is ignored, because it names no link or joint; correct the "
@@ -123,17 +121,13 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
         tags.added_joints += found_joints
         tags.added_links |= between
         tags.poses |= between_poses
-        found += sensor_tags.read_joint_sensors(node, node.get("name"), force_torque_tags, warnings)
+        sensors.read_joint(node, node.get("name"))
     warnings += ignored_elements.format_sentences(dict.fromkeys(ignored))
-    cameras = _drop_duplicates(cameras, warnings)
+    tags.cameras = tuple(_drop_duplicates(sensors.cameras, warnings))
     tags.control_plugins = tuple(one for one in found if isinstance(one, ControlPlugin))
-    plugin_sensors = [one for one in found if isinstance(one, SensorDescription)]
     added = {one.joint.name: one.joint for one in tags.added_joints}
-    sensors += sensor_tags.check_model_sensors(
-        plugin_sensors, {**tags.links, **tags.added_links}, {**joints, **added},
-        force_torque_tags, warnings,
-    )
-    tags.cameras, tags.sensors = tuple(cameras), tuple(sensors)
+    sensors.check({**tags.links, **tags.added_links}, {**joints, **added})
+    tags.sensors = tuple(sensors.sensors)
     tags.grasps = tuple(grasp_tags.check_grasps(
         [one for one in found if isinstance(one, GraspFixPlugin)], tags.links, warnings))
     return tags

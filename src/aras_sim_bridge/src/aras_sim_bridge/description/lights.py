@@ -9,7 +9,7 @@ from aras_sim_bridge.description.element_reader import ElementReader
 from aras_sim_bridge.description.types import SHADOWS, Light, Rgba, SceneSettings
 from aras_sim_bridge.errors import DescriptionError, WorldError
 from aras_visual_servo_base.poses import Pose
-from aras_visual_servo_base.safe_xml import find_text, parse_numbers, shorten
+from aras_visual_servo_base.safe_xml import find_text, parse_direction, parse_numbers, shorten
 
 _DIRECTION_FIELDS = ("origin_xyz", "origin_rpy", "direction")
 _STRENGTH_FIELDS = ("diffuse", "specular", "attenuation_constant", "attenuation_linear",
@@ -63,7 +63,9 @@ def read_light(element: Element, pose: Pose) -> Light:
         origin_rpy=pose.rpy,
         diffuse=_read_rgba(light, "diffuse", (1.0, 1.0, 1.0, 1.0)),
         specular=_read_rgba(light, "specular", (0.1, 0.1, 0.1, 1.0)),
-        direction=light.read_direction("direction", (0.0, 0.0, -1.0)),
+        direction=parse_direction(
+            light.read_text("direction"), f"{where}: direction", (0.0, 0.0, -1.0)
+        ),
         attenuation_constant=fade.read_number("constant", 1.0),
         attenuation_linear=fade.read_number("linear", 1.0),
         attenuation_quadratic=fade.read_number("quadratic", 0.0),

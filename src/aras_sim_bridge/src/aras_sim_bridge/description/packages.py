@@ -5,7 +5,7 @@ The path of a mesh file is always inside the package that its URI names.
 
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import lru_cache
 
 from aras_sim_bridge.errors import DescriptionError, UnsupportedPartError
@@ -54,11 +54,10 @@ def find_package(name: str) -> str:
 
 def _search(name: str, package_path: str, prefix_path: str) -> str | None:
     for root in filter(None, package_path.split(os.pathsep)):
-        found = _crawl(name, root)
-        if found:
-            return found
-    prefixes = [p for p in prefix_path.split(os.pathsep) if p] + ["/usr"]
-    for prefix in prefixes:
+        for directory in _list_packages(root):
+            if _read_package_name(directory) == name:
+                return directory
+    for prefix in (*filter(None, prefix_path.split(os.pathsep)), "/usr"):
         candidate = os.path.join(prefix, "share", name)
         if os.path.isfile(os.path.join(candidate, "package.xml")):
             return candidate
@@ -73,14 +72,14 @@ def find_model(name: str) -> str | None:
     """
     if name in ("", ".", "..") or "/" in name or "\0" in name:
         return None
-    named = os.environ.get(MODEL_PATH, "").split(os.pathsep)
-    for root in (*filter(None, named), os.path.expanduser(OWN_MODELS)):
-        if os.path.isdir(os.path.join(root, name)):
-            return os.path.join(root, name)
-    for root in _find_model_paths(os.environ.get("ROS_PACKAGE_PATH", "")):
-        if os.path.isdir(os.path.join(root, name)):
-            return os.path.join(root, name)
-    return None
+    named = (*os.environ.get(MODEL_PATH, "").split(os.pathsep), os.path.expanduser(OWN_MODELS))
+    found = _find_folder(name, filter(None, named))
+    return found or _find_folder(name, _find_model_paths(os.environ.get("ROS_PACKAGE_PATH", "")))
+
+
+def _find_folder(name: str, roots: Iterable[str]) -> str | None:
+    paths = (os.path.join(root, name) for root in roots)
+    return next((path for path in paths if os.path.isdir(path)), None)
 
 
 @lru_cache(maxsize=8)
@@ -101,13 +100,6 @@ def _find_model_paths(package_path: str) -> tuple[str, ...]:
                 found.update(dict.fromkeys(
                     os.path.normpath(path) for path in paths.split(os.pathsep) if path))
     return tuple(found)
-
-
-def _crawl(name: str, root: str) -> str | None:
-    """Return the first directory below `root` that contains a package called `name`."""
-    return next(
-        (found for found in _list_packages(root) if _read_package_name(found) == name), None
-    )
 
 
 def _list_packages(root: str) -> Iterator[str]:

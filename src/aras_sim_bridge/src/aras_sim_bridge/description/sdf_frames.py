@@ -7,6 +7,7 @@ http://sdformat.org/tutorials?tut=pose_frame_semantics: a frame is fixed to the 
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator, Mapping
 from xml.etree.ElementTree import Element
 
@@ -21,44 +22,36 @@ WORLD_FRAME = "world"
 _INSIDE_LINK = ("inertial", "visual", "collision", "sensor", "light")
 
 
-class SdfFrames(Mapping[str, Pose]):
+class SdfFrames(dict[str, Pose]):
     """Poses of a model's or world's frames by name, relative to the model or world.
 
-    The order of the frames in the file does not matter. Looking up a frame that does not exist, or
-    that is relative to itself, raises KeyError.
+    The order of the frames in the file does not matter. It contains no frames whose pose is
+    invalid, or whose base does not exist or depends on the frame itself.
     """
 
     def __init__(self, scope: Element) -> None:
-        root = MODEL_FRAME if scope.tag == "model" else WORLD_FRAME
-        self._roots = (root, WORLD_FRAME)
-        self._root = root
+        self._root = MODEL_FRAME if scope.tag == "model" else WORLD_FRAME
+        super().__init__({self._root: Pose(), WORLD_FRAME: Pose()})
         self._nodes: dict[str, Element] = {}
         self._inner: dict[str, str] = {}
         for name, node, owner in _list_frames(scope):
             if self._nodes.setdefault(name, node) is node and owner:
                 self._inner[name] = owner
-        self._cache: dict[str, Pose] = dict.fromkeys(self._roots, Pose())
+        pending = [name for name in self._nodes if name not in self]
+        while pending:
+            left = [name for name in pending if not self._add_pose(name)]
+            if len(left) == len(pending):
+                break
+            pending = left
 
-    def __getitem__(self, name: str) -> Pose:
-        if name not in self._cache:
-            node = self._nodes[name]
-            # None marks a frame whose pose is being computed, to detect cycles
-            self._cache[name] = None
-            try:
-                at = self[self.base_frame(name)] @ _read_pose(node)
-            except BaseException:
-                del self._cache[name]
-                raise
-            self._cache[name] = at
-        if self._cache[name] is None:
-            raise KeyError(name)
-        return self._cache[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter((*self._roots, *self._nodes))
-
-    def __len__(self) -> int:
-        return len(self._roots) + len(self._nodes)
+    def _add_pose(self, name: str) -> bool:
+        """Add the pose of a frame; return False if that of its base is not known."""
+        base = self.base_frame(name)
+        if base not in self:
+            return False
+        with contextlib.suppress(DescriptionError):
+            self[name] = self[base] @ _read_pose(self._nodes[name])
+        return True
 
     def base_frame(self, name: str) -> str:
         """Return the name of the frame in which the pose of the element `name` is expressed."""
@@ -92,7 +85,7 @@ class SdfFrames(Mapping[str, Pose]):
             "is no link, joint, frame or model of the same parent, or depends on this frame; "
             "correct the name of the base"
             for name, node in self._nodes.items()
-            if node.tag == "frame" and name not in self._inner and not has_pose(self, name)
+            if node.tag == "frame" and name not in self._inner and name not in self
         ]
 
 
@@ -134,52 +127,44 @@ def resolve_poses(model: Element, warnings: list[str]) -> None:
     frames = SdfFrames(model)
     where = f"model '{shorten(model.get('name') or '')}'"
     warnings += (f"{where}: {text}" for text in frames.list_errors())
-    frame_poses = {name: frames[name] for name in frames if has_pose(frames, name)}
-    links = {name: frames.find_link(name) for name in frame_poses}
+    links = {name: frames.find_link(name) for name in frames}
     for node in model:
         name = node.get("name") or ""
-        if name not in frame_poses:
+        if name not in frames:
             continue
-        at, frame = frame_poses[name], _read_frame(node)
+        at, frame = frames[name], _read_frame(node)
         if node.tag == "joint":
-            _resolve_joint(node, at, frames, frame_poses, links)
+            _resolve_joint(node, at, frames, links)
         elif node.tag == "frame":
             write_pose(node, at, MODEL_FRAME)
             if links[name] != name:
                 node.set("attached_to", links[name])
-        elif node.tag in ("link", "model") and frame in frame_poses and frames.find_kind(frame):
+        elif node.tag in ("link", "model") and frame in frames and frames.find_kind(frame):
             write_pose(node, at)
         for part in node if node.tag == "link" else ():
             frame = _read_frame(part)
             if part.tag in _INSIDE_LINK and (frame == MODEL_FRAME or frames.find_kind(frame)
-                                             ) and frame in frame_poses:
-                write_pose(part, at.inverse() @ frame_poses[frame] @ _read_pose(part))
+                                             ) and frame in frames:
+                write_pose(part, at.inverse() @ frames[frame] @ _read_pose(part))
     placement = model.get("placement_frame")
-    if placement in frame_poses:
+    if placement in frames:
         del model.attrib["placement_frame"]
-        write_pose(model, _read_pose(model) @ frame_poses[placement].inverse(), _read_frame(model))
+        write_pose(model, _read_pose(model) @ frames[placement].inverse(), _read_frame(model))
 
 
-def has_pose(frames: SdfFrames, name: str) -> bool:
-    """Return whether a frame has a valid pose, without raising an error if it has none."""
-    try:
-        return name in frames
-    except DescriptionError:
-        return False
-
-
-def _resolve_joint(joint: Element, at: Pose, frames: SdfFrames, frame_poses: Mapping[str, Pose],
-                   links: Mapping[str, str]) -> None:
+def _resolve_joint(
+    joint: Element, at: Pose, frames: SdfFrames, links: Mapping[str, str]
+) -> None:
     child, moved = find_text(joint, "child") or "", bool(_read_frame(joint))
     for end in (joint.find("parent"), joint.find("child")):
         name = "" if end is None else (end.text or "").strip()
         if frames.find_kind(name) == "frame" and name in links:
             end.text, moved = links[name], True
     child = links.get(child, child)
-    if moved and child in frame_poses:
-        write_pose(joint, frame_poses[child].inverse() @ at)
+    if moved and child in frames:
+        write_pose(joint, frames[child].inverse() @ at)
     for axis in (*joint.findall("axis/xyz"), *joint.findall("axis2/xyz")):
         frame = axis.get("expressed_in") or ""
-        if frame in frame_poses and frames.find_kind(frame) in ("joint", "frame", "model"):
-            rotate_axis(axis, frame_poses[frame], joint)
+        if frame in frames and frames.find_kind(frame) in ("joint", "frame", "model"):
+            rotate_axis(axis, frames[frame], joint)
             axis.set("expressed_in", MODEL_FRAME)

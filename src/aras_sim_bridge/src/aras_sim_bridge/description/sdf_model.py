@@ -18,7 +18,7 @@ from aras_sim_bridge.description import (
     sensor_tags,
 )
 from aras_sim_bridge.description.angle_unit_check import describe_limits_in_degrees
-from aras_sim_bridge.description.camera_types import CameraDescription
+from aras_sim_bridge.description.element_reader import ElementReader
 from aras_sim_bridge.description.geometry_tags import Resolve, read_bounce, read_geometry
 from aras_sim_bridge.description.inertia import make_inertial
 from aras_sim_bridge.description.kinematic_tree import (
@@ -65,14 +65,13 @@ def read_model(element: Element, resolve: Resolve, locate: Locate, frames: Mappi
     where = f"model '{name}'"
     warnings: list[str] = []
     read_plugins = plugins.read(element, "SDF", (SensorDescription, GraspFixPlugin), warnings)
-    plugin_sensors = [one for one in read_plugins if isinstance(one, SensorDescription)]
+    sensors = sensor_tags.ModelSensors(warnings)
+    sensors.add_plugins(read_plugins)
     warnings += ignored_elements.describe_ignored_elements(element, "model", where)
     static = parse_bool(find_text(element, "static"), f"{where}: static", False)
     links: dict[str, Link] = {}
     poses: dict[str, Pose] = {}
     colours: dict[str, Rgba] = {}
-    cameras: list[CameraDescription] = []
-    sensors: list[SensorDescription] = []
     for node in element.findall("link"):
         inside = f"{where}, link '{node.get('name')}'"
         appearances = [ogre_materials.read_appearance(visual, inside, locate, warnings)
@@ -85,18 +84,16 @@ def read_model(element: Element, resolve: Resolve, locate: Locate, frames: Mappi
         colour = gazebo_materials.find_sdf_colour(node, link.name, warnings, appearances)
         if colour is not None:
             colours[link.name] = colour
-        sensor_tags.read_link_sensors(node, link.name, cameras, sensors, plugin_sensors, warnings)
+        sensors.read_link(node, link.name)
     if not links:
         raise DescriptionError(f"{where}: <link> is missing; add one")
     joints: list[JointInModel] = []
-    force_torque_tags: dict[str, Element] = {}
     for node in element.findall("joint"):
         found = read_joints(node, where, poses)
         for joint in (one.joint for one in found if one.joint.kind == "revolute"):
             warnings += describe_limits_in_degrees(*joint.stops, f"{where}, joint '{joint.name}'")
         joints += found
-        plugin_sensors += sensor_tags.read_joint_sensors(
-            node, found[0].joint.name, force_torque_tags, warnings)
+        sensors.read_joint(node, found[0].joint.name)
     between, between_poses = find_links_between(joints, links, where)
     links |= between
     poses |= between_poses
@@ -106,22 +103,16 @@ def read_model(element: Element, resolve: Resolve, locate: Locate, frames: Mappi
     trees = assemble(links, poses, joints, static, where)
     main = trees[0]
     main.links[main.root] = _shift_link(main.links[main.root], poses[main.root])
-    cameras, sensors = (
-        [
+    for found in (sensors.cameras, sensors.sensors):
+        found[:] = [
             replace(one, pose=_transform_origin(one.pose, poses[main.root]))
-            if one.link == main.root
-            else one
-            for one in found
-        ]
-        for found in (cameras, sensors)
-    )
+            if one.link == main.root else one for one in found]
     every = {joint.name: joint for tree in trees for joint in tree.joints.values()}
-    sensors += sensor_tags.check_model_sensors(
-        plugin_sensors, links, every, force_torque_tags, warnings)
+    sensors.check(links, every)
     pose = read_pose(element, where, frames)
     whole = RobotDescription(
-        name=name, root=main.root, links={}, joints={}, cameras=tuple(cameras),
-        sensors=tuple(sensors), colours=MappingProxyType(colours), static=static,
+        name=name, root=main.root, links={}, joints={}, cameras=tuple(sensors.cameras),
+        sensors=tuple(sensors.sensors), colours=MappingProxyType(colours), static=static,
         grasps=tuple(grasp_tags.check_grasps(
             [one for one in read_plugins if isinstance(one, GraspFixPlugin)],
             main.links, warnings)),
@@ -219,17 +210,14 @@ def read_link(
     """
     name = read_name(element, model)
     where = f"{model}, link '{name}'"
-    inertial = None
     node = element.find("inertial")
-    # By SDF's defaults, a link has a mass of 1 kg and a unit inertia tensor.
-    mass = parse_number(find_text(node, "mass"), f"{where}: mass", 1.0)
     pose = Pose() if node is None else read_pose(node, f"{where}: inertial")
-    tensor = None if node is None else node.find("inertia")
-    defaults = {"ixx": 1.0, "iyy": 1.0, "izz": 1.0}
-    inertial = make_inertial(
-        where, mass, pose.xyz, pose.rpy,
-        tuple(parse_number(find_text(tensor, key), f"{where}: {key}", defaults.get(key, 0.0))
-              for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")), warnings)
+    # By SDF's defaults, a link has a mass of 1 kg and a unit inertia tensor.
+    mass = ElementReader(node, f"{where}: ").read_number("mass", 1.0)
+    tensor = ElementReader(element.find("inertial/inertia"), f"{where}: ")
+    defaults = {"ixx": 1.0, "ixy": 0.0, "ixz": 0.0, "iyy": 1.0, "iyz": 0.0, "izz": 1.0}
+    inertia = tuple(tensor.read_number(key, default) for key, default in defaults.items())
+    inertial = make_inertial(where, mass, pose.xyz, pose.rpy, inertia, warnings)
     visuals, collisions, mu, bounces = [], [], None, None
     for kind in ("visual", "collision"):
         paired = appearances if kind == "visual" else repeat(None)
@@ -256,16 +244,9 @@ def read_link(
                     if mu < 0.0:
                         raise DescriptionError(f"{inside}: mu is {mu}; it must not be negative")
                 bounces = read_bounce(part, inside) or bounces
-    return Link(
-        name,
-        inertial,
-        tuple(visuals),
-        tuple(collisions),
-        parse_bool(find_text(element, "gravity"), f"{where}: gravity", True),
-        parse_bool(find_text(element, "kinematic"), f"{where}: kinematic", False),
-        mu,
-        bounces,
-    )
+    flags = ElementReader(element, f"{where}: ")
+    return Link(name, inertial, tuple(visuals), tuple(collisions), flags.read_bool("gravity", True),
+                flags.read_bool("kinematic", False), mu, bounces)
 
 
 def _shift_link(link: Link, pose: Pose) -> Link:

@@ -1,11 +1,12 @@
 """Readers of motion and force sensors in URDF and SDF, and of the plug-ins of these sensors."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description import camera_tags, plugins
 from aras_sim_bridge.description.camera_types import CameraDescription
+from aras_sim_bridge.description.element_reader import ElementReader
 from aras_sim_bridge.description.types import ChannelNoise, Link, SensorDescription
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.names import suggest
@@ -19,36 +20,87 @@ _CHANNELS = {
 }
 
 
-def read_link_sensors(
-    element: Element,
-    link: str,
-    cameras: list[CameraDescription],
-    sensors: list[SensorDescription],
-    plugin_sensors: list[plugins.Plugin],
-    warnings: list[str],
-) -> None:
-    """Read the `<sensor>` elements of a link into the given lists.
+class ModelSensors:
+    """Cameras and sensors of a model, which are collected while its elements are read.
 
-    Args:
-        cameras: list to which cameras are added.
-        sensors: list to which IMUs are added.
-        plugin_sensors: list to which contact sensors are added; `check_model_sensors` checks them
-            later.
-
-    Raises:
-        DescriptionError: an element is not a number, or a rate or noise is negative.
+    Attributes:
+        cameras: cameras of the links.
+        sensors: IMUs of the links. `check` adds the other sensors.
     """
-    for sensor in element.findall("sensor"):
-        kind = sensor.get("type") or ""
-        if kind in CAMERA_KINDS:
-            cameras += camera_tags.read_cameras(sensor, link, warnings)
-        elif kind == "imu":
-            sensors += _read_imus(sensor, link, warnings)
-        elif kind == "contact":
-            plugin_sensors += _read_bumpers(sensor, link, warnings)
-        else:
-            warnings.append(f"link '{link}': a sensor is ignored, because its type "
-                            f"'{shorten(kind)}' is not supported")
+
+    def __init__(self, warnings: list[str]) -> None:
+        """Create an empty collection; problems that are found are added to `warnings`."""
+        self._warnings = warnings
+        self.cameras: list[CameraDescription] = []
+        self.sensors: list[SensorDescription] = []
+        self._plugin_sensors: list[SensorDescription] = []
+        # the force/torque <sensor> of each joint that has one
+        self._force_torque_tags: dict[str, Element] = {}
+
+    def add_plugins(self, read: Sequence[plugins.Plugin]) -> None:
+        """Add the sensors among the plug-ins of a model."""
+        self._plugin_sensors += [one for one in read if isinstance(one, SensorDescription)]
+
+    def read_link(self, element: Element, link: str) -> None:
+        """Read the `<sensor>` elements of a link.
+
+        Raises:
+            DescriptionError: an element is not a number, or a rate or noise is negative.
+        """
+        for sensor in element.findall("sensor"):
+            kind = sensor.get("type") or ""
+            if kind in CAMERA_KINDS:
+                self.cameras += camera_tags.read_cameras(sensor, link, self._warnings)
+            elif kind == "imu":
+                self.sensors += _read_imus(sensor, link, self._warnings)
+            elif kind == "contact":
+                self._plugin_sensors += _read_bumpers(sensor, link, self._warnings)
+            else:
+                self._warnings.append(f"link '{link}': a sensor is ignored, because its type "
+                                      f"'{shorten(kind)}' is not supported")
+
+    def read_joint(self, element: Element, joint: str) -> None:
+        """Read the plug-ins in the force/torque `<sensor>`s of a joint; they need no <jointName>.
+        """
+        for sensor in element.findall("sensor"):
+            kind = sensor.get("type") or ""
+            if kind != "force_torque":
+                self._warnings.append(f"joint '{joint}': a sensor is ignored, because its type "
+                                      f"'{shorten(kind)}' is not supported on a joint")
+                continue
+            self._force_torque_tags[joint] = sensor
+            where = _describe_place(sensor, f"joint '{joint}'")
+            for made in plugins.read(sensor, where, (SensorDescription,), self._warnings):
+                self._plugin_sensors.append(replace(made, joint=made.joint or joint))
+
+    def check(self, links: Mapping[str, Link], joints: Mapping[str, Joint]) -> None:
+        """Add those sensors of the plug-ins to `sensors` that can measure something.
+
+        Raises:
+            DescriptionError: an element of a force/torque `<sensor>` is not a number.
+        """
+        moving = {name for name, joint in joints.items() if joint.is_movable}
+        for made in self._plugin_sensors:
+            self._warnings += (
+                f"plug-in of a {made.kind} sensor: joint '{shorten(name)}' is ignored, because "
+                "it does not exist or does not move" for name in made.joints if name not in moving)
+            made = replace(made, joints=tuple(name for name in made.joints if name in moving))
+            problem = _find_problem(made, links, joints)
+            self._warnings += _find_missing_collisions(made, links)
+            if problem:
+                self._warnings.append(f"plug-in of a {made.kind} sensor is ignored: {problem}")
+                continue
+            if made.kind == "wrench":
+                child, frame_link = joints[made.joint].child, f"{made.joint}_frame"
+                # The joint's child may be a massless link that kinematic_tree.py inserted; its own
+                # child is the real link.
+                if child == frame_link and frame_link in joints:
+                    child = joints[frame_link].child
+                made = replace(made, link=child)
+                if made.joint in self._force_torque_tags:
+                    tag = self._force_torque_tags[made.joint]
+                    made = _apply_force_torque_tag(made, tag, self._warnings)
+            self.sensors.append(made)
 
 
 def _read_imus(sensor: Element, link: str, warnings: list[str]) -> list[SensorDescription]:
@@ -89,71 +141,6 @@ def _read_rate(sensor: Element, where: str) -> float:
     if rate < 0.0:
         raise DescriptionError(f"{where}: update_rate is {rate} Hz; it must not be negative")
     return rate
-
-
-def check_model_sensors(
-    sensors: list[SensorDescription],
-    links: Mapping[str, Link],
-    joints: Mapping[str, Joint],
-    force_torque_tags: Mapping[str, Element],
-    warnings: list[str],
-) -> list[SensorDescription]:
-    """Return those sensors of a model's plug-ins that can measure something.
-
-    Args:
-        force_torque_tags: the force/torque `<sensor>` of each joint that has one.
-
-    Raises:
-        DescriptionError: an element of a force/torque `<sensor>` is not a number.
-    """
-    checked = []
-    for made in sensors:
-        for name in made.joints:
-            if name not in joints or not joints[name].is_movable:
-                warnings.append(f"plug-in of a {made.kind} sensor: joint '{shorten(name)}' is "
-                                "ignored, because it does not exist or does not move")
-        made = replace(made, joints=tuple(
-            name for name in made.joints if name in joints and joints[name].is_movable))
-        problem = _find_problem(made, links, joints)
-        warnings += _find_missing_collisions(made, links)
-        if problem:
-            warnings.append(f"plug-in of a {made.kind} sensor is ignored: {problem}")
-            continue
-        if made.kind == "wrench":
-            child, frame_link = joints[made.joint].child, f"{made.joint}_frame"
-            # The joint's child may be a massless link that kinematic_tree.py inserted; its own
-            # child is the real link.
-            if child == frame_link and frame_link in joints:
-                child = joints[frame_link].child
-            made = replace(made, link=child)
-            if made.joint in force_torque_tags:
-                made = _apply_force_torque_tag(made, force_torque_tags[made.joint], warnings)
-        checked.append(made)
-    return checked
-
-
-def read_joint_sensors(
-    element: Element, joint: str, force_torque_tags: dict[str, Element], warnings: list[str]
-) -> list[SensorDescription]:
-    """Read the plug-ins in the force/torque `<sensor>`s of a joint.
-
-    These plug-ins need no <jointName>.
-
-    Args:
-        force_torque_tags: `<sensor>` elements by joint; the element of this joint is added.
-    """
-    found = []
-    for sensor in element.findall("sensor"):
-        kind = sensor.get("type") or ""
-        if kind != "force_torque":
-            warnings.append(f"joint '{joint}': a sensor is ignored, because its type "
-                            f"'{shorten(kind)}' is not supported on a joint")
-            continue
-        force_torque_tags[joint] = sensor
-        where = _describe_place(sensor, f"joint '{joint}'")
-        found += (replace(made, joint=made.joint or joint)
-                  for made in plugins.read(sensor, where, (SensorDescription,), warnings))
-    return found
 
 
 def _describe_place(sensor: Element, owner: str) -> str:
@@ -241,11 +228,12 @@ def _read_channels(sensor: Element, kind: str, where: str) -> tuple[ChannelNoise
     found = []
     for quantity in _CHANNELS[kind]:
         for axis in "xyz":
-            noise = sensor.find(f"{kind}/{quantity}/{axis}/noise")
-            values = [parse_number(find_text(noise, tag), f"{where}: {quantity} {axis} {tag}", 0.0)
-                      for tag in ("mean", "stddev", "bias_mean", "bias_stddev")]
-            if values[1] < 0.0 or values[3] < 0.0:
-                raise DescriptionError(f"{where}: {quantity} {axis} has stddev {values[1]:g} and "
-                                       f"bias_stddev {values[3]:g}; they must not be negative")
-            found.append(ChannelNoise(*values))
+            noise = ElementReader(sensor.find(f"{kind}/{quantity}/{axis}/noise"),
+                                  f"{where}: {quantity} {axis} ")
+            one = ChannelNoise(*(noise.read_number(tag, 0.0)
+                                 for tag in ("mean", "stddev", "bias_mean", "bias_stddev")))
+            if one.stddev < 0.0 or one.bias_stddev < 0.0:
+                raise DescriptionError(f"{noise.prefix}has stddev {one.stddev:g} and bias_stddev "
+                                       f"{one.bias_stddev:g}; they must not be negative")
+            found.append(one)
     return tuple(found) if any(one != ChannelNoise() for one in found) else ()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import lru_cache
 
 import numpy as np
@@ -36,14 +37,11 @@ def make_meshes(geometry: Geometry) -> tuple[Mesh, ...]:
 def _make_mesh(kind: str, size: Vector3, radius: float, length: float, normal: Vector3
           ) -> tuple[Mesh, ...]:
     """Return the mesh of a geometric primitive. The result is cached; it must not be changed."""
-    makers = {
-        "box": lambda: _make_box(np.array(size)),
-        "sphere": lambda: _make_sphere(radius),
-        "cylinder": lambda: _make_cylinder(radius, length),
-        "capsule": lambda: _make_capsule(radius, length),
-        "plane": lambda: _make_plane(normal, size[:2]),
-    }
-    return (makers[kind](),)
+    if kind == "box":
+        return (_make_box(np.array(size)),)
+    if kind == "plane":
+        return (_make_plane(normal, size[:2]),)
+    return (_revolve(_make_profile(kind, radius, length)),)
 
 
 def _make_box(extents: np.ndarray) -> Mesh:
@@ -55,23 +53,20 @@ def _make_box(extents: np.ndarray) -> Mesh:
     return from_corners(np.array(tris))
 
 
-def _make_sphere(radius: float) -> Mesh:
-    """Return a sphere of latitude rings and longitude sectors."""
-    return _revolve([(radius * np.sin(t), -radius * np.cos(t)) for t in
-                      np.linspace(0.0, np.pi, 2 * ARC + 1)])
+def _make_profile(kind: str, radius: float, length: float) -> list[tuple[float, float]]:
+    """Return the (radius, z) profile of a sphere, cylinder or capsule from bottom to top.
 
-
-def _make_cylinder(radius: float, length: float) -> Mesh:
-    """Return a cylinder along z, centred at the origin."""
-    h = length / 2.0
-    return _revolve([(0.0, -h), (radius, -h), (radius, h), (0.0, h)])
-
-
-def _make_capsule(radius: float, length: float) -> Mesh:
-    """Return a capsule along z: a cylinder of `length` with half spheres at its ends."""
-    arc = np.linspace(0.0, np.pi / 2, ARC + 1)
-    low = [(radius * np.sin(t), -length / 2 - radius * np.cos(t)) for t in arc]
-    return _revolve(low + [(r, -z) for r, z in reversed(low)])
+    A capsule is a cylinder of `length` with half spheres at its ends.
+    """
+    if kind == "sphere":
+        return [(radius * np.sin(t), -radius * np.cos(t))
+                for t in np.linspace(0.0, np.pi, 2 * ARC + 1)]
+    h = length / 2
+    if kind == "cylinder":
+        return [(0.0, -h), (radius, -h), (radius, h), (0.0, h)]
+    low = [(radius * np.sin(t), -h - radius * np.cos(t))
+           for t in np.linspace(0.0, np.pi / 2, ARC + 1)]
+    return low + [(r, -z) for r, z in reversed(low)]
 
 
 def _revolve(profile: list[tuple[float, float]]) -> Mesh:
@@ -108,23 +103,23 @@ def read_mesh_files(description: RobotDescription, model: str) -> list[str]:
             problem and how to fix it.
     """
     huge: dict[str, str] = {}
+    for link, kind, geometry in _list_mesh_geometries(description):
+        where, file = f"model '{model}', link '{link}', {kind}", geometry.filename
+        try:
+            meshes = mesh_files.read(file)
+        except DescriptionError as error:
+            raise DescriptionError(f"{where}: {error.fault}", error.remedy, error.path) from None
+        size = max((float(np.ptp(mesh.positions, axis=0).max())
+                    for mesh in meshes if len(mesh.positions)), default=0.0)
+        if size > _LARGEST_MESH and not description.static and geometry.scale == (1.0, 1.0, 1.0):
+            huge[file] = (f"{where}: {file} is {size:.4g} m large; if it is in millimetres, give "
+                          "its <mesh> the scale 0.001 0.001 0.001")
+    return list(huge.values())
+
+
+def _list_mesh_geometries(description: RobotDescription) -> Iterator[tuple[str, str, Geometry]]:
+    """Yield link, kind (visual or collision) and geometry of each shape with a mesh file."""
     for link in description.links.values():
         for kind, shapes in (("visual", link.visuals), ("collision", link.collisions)):
-            for shape in shapes:
-                if shape.geometry.kind == "mesh":
-                    file = shape.geometry.filename
-                    try:
-                        meshes = mesh_files.read(file)
-                        size = max((float(np.ptp(mesh.positions, axis=0).max())
-                                    for mesh in meshes if len(mesh.positions)), default=0.0)
-                        if size > _LARGEST_MESH and not description.static and (
-                                shape.geometry.scale == (1.0, 1.0, 1.0)):
-                            huge[file] = (
-                                f"model '{model}', link '{link.name}', {kind}: {file} is {size:.4g}"
-                                " m large; if it is in millimetres, give its <mesh> the scale "
-                                "0.001 0.001 0.001")
-                    except DescriptionError as error:
-                        where = f"model '{model}', link '{link.name}', {kind}"
-                        raise DescriptionError(
-                            f"{where}: {error.fault}", error.remedy, error.path) from None
-    return list(huge.values())
+            yield from ((link.name, kind, shape.geometry) for shape in shapes
+                        if shape.geometry.kind == "mesh")

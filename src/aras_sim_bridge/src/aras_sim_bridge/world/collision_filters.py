@@ -82,7 +82,8 @@ def disable_distant_pairs(models: list[Model]) -> None:
             if index == -1 and model.fixed_base:
                 continue
             meets = reach is None or (link in reach and any(
-                _can_meet_root(reach[link].grow(MARGIN), other) for other in others))
+                solid.gap(reach[link].grow(MARGIN)) <= 0.0
+                for other in others for solid in find_solids(other, (-1,))))
             left_out = group if meets else group | _STATIC_GROUP
             pybullet.setCollisionFilterGroupMask(model.body_id, index, group or _DEFAULT_GROUP,
                                                  _ALL & ~left_out, physicsClientId=model.client)
@@ -157,11 +158,6 @@ def _compute_extent(model: Model, link: str) -> float:
     origin = model.link_pose(link).xyz
     low, high = pybullet.getAABB(model.body_id, model.link_index(link), model.client)
     return math.hypot(*(max(o - a, b - o) for o, a, b in zip(origin, low, high, strict=True)))
-
-
-def _can_meet_root(box: BoundingBox, other: Model) -> bool:
-    """Return whether an object in `box` may touch the root link of a fixed-base model."""
-    return any(solid.gap(box) <= 0.0 for solid in find_solids(other, (-1,)))
 
 
 def can_meet(boxes: Iterable[BoundingBox], other: Model) -> bool:

@@ -23,7 +23,7 @@ from aras_sim_bridge.world.model import Model
 from aras_sim_bridge.world.penetration_recovery import PenetrationRecovery
 from aras_sim_bridge.world.physics_parameters import PhysicsParameters
 from aras_sim_bridge.world.resting_base import RestingBases
-from aras_visual_servo_base.poses import IDENTITY, Pose, Twist
+from aras_visual_servo_base.poses import IDENTITY, Pose, Twist, Vector3
 
 logger = logging.getLogger(__name__)
 
@@ -57,9 +57,8 @@ class World:
         WorldError: invalid time step or gravity, or Bullet does not start.
     """
 
-    def __init__(self, time_step: float = 0.001,
-                 gravity: tuple[float, float, float] = (0.0, 0.0, -9.8), gui: bool = False,
-                 solver_iterations: int = 50) -> None:
+    def __init__(self, time_step: float = 0.001, gravity: Vector3 = (0.0, 0.0, -9.8),
+                 gui: bool = False, solver_iterations: int = 50) -> None:
         self._physics = PhysicsParameters(time_step, gravity, solver_iterations)
         self.models: dict[str, Model] = {}
         self._own_dynamics_models: list[Model] = []
@@ -83,7 +82,7 @@ class World:
         return self._physics.time_step
 
     @property
-    def gravity(self) -> tuple[float, float, float]:
+    def gravity(self) -> Vector3:
         """Gravity vector, m/s²."""
         return self._physics.gravity
 
@@ -92,8 +91,7 @@ class World:
         """Largest number of sweeps of the constraint solver."""
         return self._physics.solver_iterations
 
-    def set_physics(self, time_step: float | None = None,
-                    gravity: tuple[float, float, float] | None = None,
+    def set_physics(self, time_step: float | None = None, gravity: Vector3 | None = None,
                     solver_iterations: int | None = None) -> None:
         """Change the physics parameters; a parameter that is None is not changed.
 
@@ -287,7 +285,7 @@ class World:
         if self.contact_forecast.steps_until_update <= 0:
             self._update_contact_forecast()
         self.contact_forecast.steps_until_update -= 1
-        dt = self.time_step
+        dt = self._physics.time_step
         for model in (*self._own_dynamics_models, *self._bullet_models):
             model.check_efforts()
         for model in self._own_dynamics_models:

@@ -9,10 +9,10 @@ An image is rendered in these steps:
    The other triangles are sorted into the tiles that they touch (binning.py).
 3. In tiles with several triangles, the nearest triangle at each pixel corner is found
    (pixel_visibility.py).
-4. A pixel contains an edge if its corners show different surfaces, or if a surface of another
-   colour reaches into it (triangle_edge_pixels.py). The colour of such a pixel is computed from the
-   exact areas that its triangles cover (visible_areas.py, polygon_areas.py, dense_coverage.py). All
-   other pixels are shaded at a corner (shading.py).
+4. A pixel contains an edge if its corners show different surfaces (corner_edges.py), or if a
+   surface of another colour reaches into it (triangle_edge_pixels.py). The colour of such a pixel
+   is computed from the exact areas that its triangles cover (visible_areas.py, polygon_areas.py,
+   dense_coverage.py). All other pixels are shaded at a corner (shading.py).
 5. Depth and segmentation are measured at the pixel centres (depth_and_labels.py).
 
 The renderer runs on the CPU and needs no graphics driver. tests/benchmarks/render.py measures its

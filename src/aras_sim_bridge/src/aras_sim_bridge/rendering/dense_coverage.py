@@ -12,7 +12,7 @@ from aras_visual_servo_base.compiled import jit_inline, jit_inline_numba
 
 from .polygon_areas import COPLANAR_TOLERANCE, PLANE
 
-# Number of samples in a pixel that contains more than areas.DENSE triangles.
+# Number of samples in a pixel that contains more than polygon_areas.DENSE triangles.
 FINE = 32
 # The widths of a triangle in the rows of a pixel are rounded to multiples of 1 / UNIT px. Their sum
 # then does not depend on the order of the summands.
@@ -29,7 +29,7 @@ SAMPLE_Y = SAMPLE_X[SAMPLE_ROW]
 def sample_pixel(triangles, line, lines, sliver, x0, y0, count, opaque_count, work, counts):
     """Count the samples of a pixel that each triangle covers, and those where it is visible.
 
-    A sliver, which is a triangle thinner than 1 / edges.SLIVER px, is not sampled.
+    A sliver, which is a triangle thinner than 1 / visible_areas.SLIVER px, is not sampled.
 
     Args:
         x0, y0: position of the pixel.

@@ -52,7 +52,7 @@ class FragmentBuilder:
     ) -> Fragments:
         """Return the visible parts of the triangles in the pixels `edge_pixels`.
 
-        `uniform` is described in edge_detection.find_edges.
+        `uniform` is described in triangle_edge_pixels.find_edges.
         """
         t = self._tiles
         while True:

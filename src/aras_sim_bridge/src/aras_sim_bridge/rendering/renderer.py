@@ -38,11 +38,8 @@ class _Canvas:
 
     def __init__(self, tiles: Tiles) -> None:
         self.tiles = tiles
-        self.sampler, self.shader, self.edge_resolver = (
-            PixelSampler(tiles),
-            Shader(tiles),
-            FragmentBuilder(tiles),
-        )
+        self.sampler, self.shader = PixelSampler(tiles), Shader(tiles)
+        self.fragments = FragmentBuilder(tiles)
         self.nbytes = tiles.nbytes + 8 * tiles.valid.size
 
 
@@ -138,18 +135,9 @@ class Renderer:
         if self.light.sky:
             sky = draw_sky(canvas.tiles, view.world_T_optical)
         packed_image = canvas.shader.draw_samples(
-            triangles,
-            one.visible,
-            one.samples,
-            uniform,
-            packed_background,
-            edges,
-            light,
-            sky,
-        )
+            triangles, one.visible, one.samples, uniform, packed_background, edges, light, sky)
         canvas.shader.blend_fragments(
-            triangles, one.visible, fragments, background, light, sky, packed_image
-        )
+            triangles, one.visible, fragments, background, light, sky, packed_image)
         rgba = packed_image.view(np.uint8).reshape(*packed_image.shape, 4)
         return rgba[:view.height, :view.width]
 
@@ -202,29 +190,21 @@ class Renderer:
         Args:
             sampled: samples of the view.
             view: the view.
-            uniform: see edge_detection.find_edges.
+            uniform: see triangle_edge_pixels.find_edges.
             background: packed colour of the background.
 
         Returns:
-            Bit masks of the pixels with edges (see edge_detection.find_edges), and their fragments.
+            Bit masks of the pixels with edges (see triangle_edge_pixels.find_edges), and their
+            fragments.
         """
-        t = self.triangles
-        smooth = t.facets if self.light.lights else t.smooth
-        smooth, part = smooth[sampled.visible.triangle], t.part[sampled.visible.triangle]
-        edges, found = find_edges(
-            sampled.canvas.tiles,
-            sampled.visible,
-            sampled.samples,
-            uniform,
-            smooth,
-            part,
-            background,
-            view.near,
-            view.far,
-        )
-        fragments = sampled.canvas.edge_resolver.resolve(
-            self.triangles, sampled.visible, sampled.samples, found, uniform, view.near, view.far
-        )
+        g, one, canvas = self.triangles, sampled, sampled.canvas
+        smooth = g.facets if self.light.lights else g.smooth
+        smooth, part = smooth[one.visible.triangle], g.part[one.visible.triangle]
+        edges, edge_pixels = find_edges(
+            canvas.tiles, one.visible, one.samples, uniform, smooth, part, background, view.near,
+            view.far)
+        fragments = canvas.fragments.resolve(
+            g, one.visible, one.samples, edge_pixels, uniform, view.near, view.far)
         return edges, fragments
 
     def find_bodies_around(self, point: np.ndarray) -> list[str]:
@@ -246,12 +226,5 @@ class Renderer:
             return NO_IRRADIANCE
         lamps = pack_lights(light.lights, view.optical_T_world, light.scale, light.shadows)
         return self._illumination.compute_irradiance(
-            sampled.canvas.tiles,
-            sampled.visible,
-            sampled.samples,
-            edges,
-            fragments,
-            sampled.optical_T_link,
-            lamps,
-            light.ambient_levels,
-        )
+            sampled.canvas.tiles, sampled.visible, sampled.samples, edges, fragments,
+            sampled.optical_T_link, lamps, light.ambient_levels)

@@ -1,28 +1,24 @@
 """Detection of the pixels that contain edges.
 
-A pixel contains an edge if its corners show different surfaces. Smaller objects, such as a wire, a
-gap between two visuals or the tip of a triangle, may lie between the corners. Therefore every
-triangle of the tile whose colour differs from that at the corners is also tested. The pixel
-contains an edge if such a triangle reaches into it in front of the surfaces at the corners. Gaps
-inside one visual that are narrower than a pixel are not found.
+A pixel contains an edge if its corners show different surfaces (corner_edges.py). Smaller objects,
+such as a wire, a gap between two visuals or the tip of a triangle, may lie between the corners.
+Therefore every triangle of the tile whose colour differs from that at the corners is also tested.
+The pixel contains an edge if such a triangle reaches into it in front of the surfaces at the
+corners. Gaps inside one visual that are narrower than a pixel are not found.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import jit, jit_inline
+from aras_visual_servo_base.compiled import jit
 from aras_visual_servo_base.compiled_bits import lowest_bit
 
 from .binning import VisibleTriangles
-from .pixel_visibility import BACKGROUND, NOTHING, SEVERAL, PixelSamples
+from .corner_edges import find_corner_edges, has_contrast
+from .pixel_visibility import SEVERAL, PixelSamples
 from .polygon_areas import COPLANAR_TOLERANCE
 from .tiles import TILE, Tiles
-
-# Smallest contrast of an edge, grey levels. Smaller differences are treated as smooth shading. If
-# an edge with less contrast is not found, the contour of a target with a contrast of 100 levels
-# moves by at most a thirtieth of a pixel.
-THRESHOLD = 6
 
 
 def find_edges(
@@ -55,7 +51,7 @@ def find_edges(
         enlarged to whole tiles, ordered by tile, and within a tile by cell (see Tiles).
     """
     t = tiles
-    edges, mixed = _find_corner_edges(
+    edges, mixed = find_corner_edges(
         samples.tile,
         samples.pixel,
         samples.start,
@@ -95,143 +91,6 @@ def find_edges(
         far,
     )
     return edges, _list_pixels(edges, t.cells, t.columns)
-
-
-@jit_inline
-def _has_contrast(a, b):
-    """Return whether two packed colours differ by more than THRESHOLD."""
-    apart = False
-    for k in range(3):
-        shift = np.uint32(8 * k)
-        one = np.int32((a >> shift) & np.uint32(255))
-        other = np.int32((b >> shift) & np.uint32(255))
-        apart |= abs(one - other) > THRESHOLD
-    return apart
-
-
-@jit_inline
-def _compute_brightness(side, light, m, rx, ry, rz):
-    """Return the light on triangle m at the point where a ray meets its plane."""
-    lit = w = 0.0
-    for k in range(3):
-        share = side[m, k, 0] * rx + side[m, k, 1] * ry + side[m, k, 2] * rz
-        w += share
-        lit += share * light[m, k]
-    return lit / w
-
-
-@jit_inline
-def _find_triangle_at(tile, pixel, columns, v, u):
-    """Return the triangle at the sample in row v and column u; NOTHING outside the image."""
-    if v < 0 or u < 0 or v >= pixel.shape[0] or u >= pixel.shape[1]:
-        return np.int64(NOTHING)
-    whole = tile[(v // TILE) * columns + u // TILE]
-    return np.int64(pixel[v, u]) if whole == SEVERAL else whole
-
-
-@jit("i8[::1], i4[:,::1], i8[::1], i8[::1], b1[::1], u4[::1], i8[::1], i8[::1], u4, "
-          "f8[:,:,::1], f8[:,::1], f8[:,:,::1], b1[:,::1], i8, i8")
-def _find_corner_edges(
-    tile,
-    pixel,
-    start,
-    member,
-    opaque,
-    uniform,
-    smooth,
-    part,
-    sky,
-    side,
-    light,
-    matrices,
-    valid,
-    cells,
-    columns,
-):
-    """Find the pixels with edges from the samples at the pixel corners.
-
-    Return bit masks (2, tiles) uint64. The first row marks pixels whose corners show different
-    surfaces, and all pixels of tiles with transparent triangles. The second row marks pixels whose
-    corners show several visuals.
-    """
-    size, side_of = TILE // cells, TILE + 1
-    # Smallest and largest light at the three corners of each triangle.
-    dim = np.empty((len(light), 2))
-    for m in range(len(light)):
-        dim[m, 0] = min(light[m, 0], light[m, 1], light[m, 2])
-        dim[m, 1] = max(light[m, 0], light[m, 1], light[m, 2])
-    out = np.zeros((2, len(tile)), np.uint64)
-    shown = np.empty(side_of * side_of, np.int64)
-    neighbours = np.empty(3, np.int64)
-    for n in range(len(tile)):
-        if tile[n] != SEVERAL:
-            continue
-        transparent = False
-        for k in range(start[n], start[n + 1]):
-            transparent |= not opaque[member[k]]
-        u0, v0 = TILE * (n % columns), TILE * (n // columns)
-        for y in range(TILE):
-            for x in range(TILE):
-                shown[y * side_of + x] = pixel[v0 + y, u0 + x]
-        for k in range(side_of):
-            shown[k * side_of + TILE] = _find_triangle_at(tile, pixel, columns, v0 + k, u0 + TILE)
-            shown[TILE * side_of + k] = _find_triangle_at(tile, pixel, columns, v0 + TILE, u0 + k)
-        bits = mixed = np.uint64(0)
-        for y in range(TILE):
-            for x in range(TILE):
-                i = y * side_of + x
-                m = shown[i]
-                neighbours[0], neighbours[1], neighbours[2] = (
-                    shown[i + 1],
-                    shown[i + side_of],
-                    shown[i + side_of + 1],
-                )
-                if (
-                    m == neighbours[0]
-                    and m == neighbours[1]
-                    and m == neighbours[2]
-                    and m != NOTHING
-                    and not transparent
-                ) or not valid[v0 + y, u0 + x]:
-                    continue
-                for k in range(3):
-                    other = neighbours[k]
-                    if other != m and (other < 0 or m < 0 or part[other] != part[m]):
-                        mixed |= np.uint64(1) << np.uint64(y * TILE + x)
-                edge = transparent or m == NOTHING
-                lit, known = 0.0, False
-                rx = ry = rz = 0.0
-                for k in range(3):
-                    other = neighbours[k]
-                    if edge or other == m or (k > 0 and other == neighbours[k - 1]):
-                        continue
-                    if other == NOTHING:
-                        edge = True
-                    elif m >= 0 and other >= 0 and smooth[m] == smooth[other] and smooth[m] >= 0:
-                        # Within a visual that has no texture, colours differ only by the light.
-                        if (max(dim[m, 1], dim[other, 1]) - min(dim[m, 0], dim[other, 0])
-                                <= THRESHOLD / 255.0):
-                            continue
-                        if not known:
-                            c = n * cells * cells + (y // size) * cells + x // size
-                            xc, yc = float(x % size), float(y % size)
-                            rx = (matrices[c, 0, 0] * xc + matrices[c, 0, 1] * yc
-                                  + matrices[c, 0, 2])
-                            ry = (matrices[c, 1, 0] * xc + matrices[c, 1, 1] * yc
-                                  + matrices[c, 1, 2])
-                            rz = (matrices[c, 2, 0] * xc + matrices[c, 2, 1] * yc
-                                  + matrices[c, 2, 2])
-                            lit, known = _compute_brightness(side, light, m, rx, ry, rz), True
-                        edge = abs(_compute_brightness(side, light, other, rx, ry, rz) - lit
-                                   ) > THRESHOLD / 255.0
-                    else:
-                        one = sky if m == BACKGROUND else uniform[m]
-                        two = sky if other == BACKGROUND else uniform[other]
-                        edge = one == 0 or two == 0 or _has_contrast(one, two)
-                if edge:
-                    bits |= np.uint64(1) << np.uint64(y * TILE + x)
-        out[0, n], out[1, n] = bits, mixed
-    return out
 
 
 @jit("u8[::1], u8[::1], i8[::1], i4[:,::1], i8[::1], i8[::1], b1[::1], u8[::1], u4[::1], "
@@ -327,7 +186,7 @@ def _find_thin_edges(
                         if (
                             not has_backing
                             and m >= 0
-                            and (name < 0.0 or _has_contrast(np.uint32(name), sky))
+                            and (name < 0.0 or has_contrast(np.uint32(name), sky))
                         ):
                             out[n] |= bit
                             continue
@@ -386,7 +245,7 @@ def _find_thin_edges(
                                 or a0 + b0 * x + c0 * y <= 0.0 or a1 + b1 * x + c1 * y <= 0.0
                                 or a2 + b2 * x + c2 * y <= 0.0):
                             continue
-                        if name >= 0.0 and work[1, y, x] >= 0.0 and not _has_contrast(
+                        if name >= 0.0 and work[1, y, x] >= 0.0 and not has_contrast(
                                 np.uint32(name), np.uint32(work[1, y, x])):
                             continue
                         # Skip the triangle if, in the whole pixel, it is nearer than `near` or

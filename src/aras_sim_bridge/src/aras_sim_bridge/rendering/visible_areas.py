@@ -97,7 +97,7 @@ def resolve_fragments(
     for n in range(len(start) - 1):
         longest = max(longest, start[n + 1] - start[n])
     # For each triangle of a cell, which is a part of a tile with one pinhole model: coefficients of
-    # its sides and inverse distance (see areas.LINES), relative to the cell's first pixel.
+    # its sides and inverse distance (see polygon_areas.LINES), relative to the cell's first pixel.
     line, lines = np.empty((longest, LINES + 1, 3)), np.empty(longest, np.int64)
     inside, sliver = np.empty((longest, CELL)), np.empty(longest, np.bool_)
     # One array for all values of the pixels: the compiler knows that its rows do not overlap, and

@@ -5,9 +5,9 @@ from xml.etree import ElementTree
 import pytest
 
 from aras_sim_bridge.description import CameraPlugin
-from aras_sim_bridge.description.element_reader import ElementReader
 from aras_sim_bridge.description.plugins import PLUGINS
 from aras_sim_bridge.ros.gazebo_api.spawn_requests import set_namespace
+from aras_visual_servo_base.safe_xml import ElementReader
 
 WITHOUT_TOPICS = {"gazebo_grasp_fix", "gazebo_ros_link_attacher"}  # of the model's own
 

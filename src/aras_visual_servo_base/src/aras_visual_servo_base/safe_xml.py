@@ -222,5 +222,49 @@ def parse_bool(text: str | None, where: str, default: bool) -> bool:
 
 def find_text(element: Element | None, tag: str) -> str | None:
     """Return the stripped text of the child `tag`; None if there is no such child."""
-    text = None if element is None else element.findtext(tag)
-    return None if text is None else text.strip()
+    if element is None:
+        return None
+    child = element.find(tag)
+    return None if child is None else (child.text or "").strip()
+
+
+class ElementReader:
+    """Reads the children of an XML element.
+
+    A method returns the default if the child is missing. Its errors are those of the function
+    above that parses such a value.
+
+    Attributes:
+        element: the element; None if it is missing itself, so that all its children are missing.
+        prefix: text before the tag of a child in error messages, such as "joint 'a': ".
+    """
+
+    def __init__(self, element: Element | None, prefix: str) -> None:
+        self.element, self.prefix = element, prefix
+
+    def get_child(self, tag: str) -> "ElementReader":
+        """Return the reader of a child element, whose tag is added to the prefix."""
+        child = None if self.element is None else self.element.find(tag)
+        return ElementReader(child, f"{self.prefix}{tag} ")
+
+    def read_text(self, tag: str) -> str | None:
+        """Return the stripped text of a child; None if the child is missing."""
+        return find_text(self.element, tag)
+
+    def read_number(self, tag: str, default: float | None = None) -> float:
+        """Return a finite number."""
+        return parse_number(self.read_text(tag), self.prefix + tag, default)
+
+    def read_numbers(
+        self, tag: str, count: int, default: tuple[float, ...] | None = None
+    ) -> tuple[float, ...]:
+        """Return `count` finite numbers."""
+        return parse_numbers(self.read_text(tag), count, self.prefix + tag, default)
+
+    def read_integer(self, tag: str, default: int) -> int:
+        """Return a whole number."""
+        return parse_integer(self.read_text(tag), self.prefix + tag, default)
+
+    def read_bool(self, tag: str, default: bool) -> bool:
+        """Return a truth value."""
+        return parse_bool(self.read_text(tag), self.prefix + tag, default)

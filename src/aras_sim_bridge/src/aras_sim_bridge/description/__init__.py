@@ -35,7 +35,7 @@ _PLACES = {
     **dict.fromkeys(_TYPES, ".types"),
     **dict.fromkeys(("Joint", "JointLimits", "Mimic", "SoftLimits"), "aras_visual_servo_base.urdf"),
     **dict.fromkeys(("SdfContent", "parse_sdf", "read_sdf"), ".sdf"),
-    "parse_cameras": ".urdf_cameras",
+    "parse_cameras": ".camera_tags",
     "parse_urdf": ".urdf",
 }
 __all__ = sorted(_PLACES)

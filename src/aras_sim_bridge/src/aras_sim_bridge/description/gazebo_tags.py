@@ -8,9 +8,9 @@ from xml.etree.ElementTree import Element
 from aras_sim_bridge.description import (
     gazebo_materials,
     grasp_tags,
-    ignored_elements,
     plugins,
     sensor_tags,
+    supported_elements,
 )
 from aras_sim_bridge.description.camera_types import CameraDescription
 from aras_sim_bridge.description.geometry_tags import Resolve, read_bounce
@@ -86,7 +86,7 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
                 [joint.name for joint in joints.values() if joint.mimic is not None])
             found += block_plugins
             sensors.add_plugins(block_plugins)
-            ignored += ignored_elements.find_ignored_elements(block, "gazebo", where)
+            ignored += supported_elements.find_ignored_elements(block, "gazebo", where)
             for node in block.findall("link"):
                 try:
                     _add_link(node, tags, resolve, warnings)
@@ -97,11 +97,11 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
         elif reference in links:
             _read_link_flags(block, reference, tags, warnings)
             sensors.read_link(block, reference)
-            ignored += ignored_elements.find_ignored_elements(block, "gazebo link", where)
+            ignored += supported_elements.find_ignored_elements(block, "gazebo link", where)
         elif reference in joints:
             _read_joint_settings(block, reference, tags, warnings)
             sensors.read_joint(block, reference)
-            ignored += ignored_elements.find_ignored_elements(block, "gazebo joint", where)
+            ignored += supported_elements.find_ignored_elements(block, "gazebo joint", where)
         else:
             warnings.append(f"{where} is ignored, because it names no link or joint; correct the "
                             "name")
@@ -122,7 +122,7 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
         tags.added_links |= between
         tags.poses |= between_poses
         sensors.read_joint(node, node.get("name"))
-    warnings += ignored_elements.format_sentences(dict.fromkeys(ignored))
+    warnings += supported_elements.format_sentences(dict.fromkeys(ignored))
     tags.cameras = tuple(_drop_duplicates(sensors.cameras, warnings))
     tags.control_plugins = tuple(one for one in found if isinstance(one, ControlPlugin))
     added = {one.joint.name: one.joint for one in tags.added_joints}

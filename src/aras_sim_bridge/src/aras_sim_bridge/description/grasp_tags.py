@@ -7,9 +7,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description.element_reader import ElementReader
 from aras_sim_bridge.description.types import GraspFixPlugin, GripperDescription, Link
-from aras_visual_servo_base.safe_xml import find_text, shorten
+from aras_visual_servo_base.safe_xml import ElementReader, find_text, shorten
 
 _WHERE = "plugin gazebo_grasp_fix"
 

@@ -5,11 +5,16 @@ from __future__ import annotations
 import math
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description.element_reader import ElementReader
 from aras_sim_bridge.description.types import SHADOWS, Light, Rgba, SceneSettings
 from aras_sim_bridge.errors import DescriptionError, WorldError
 from aras_visual_servo_base.poses import Pose
-from aras_visual_servo_base.safe_xml import find_text, parse_direction, parse_numbers, shorten
+from aras_visual_servo_base.safe_xml import (
+    ElementReader,
+    find_text,
+    parse_direction,
+    parse_numbers,
+    shorten,
+)
 
 _DIRECTION_FIELDS = ("origin_xyz", "origin_rpy", "direction")
 _STRENGTH_FIELDS = ("diffuse", "specular", "attenuation_constant", "attenuation_linear",

@@ -6,9 +6,8 @@ from types import MappingProxyType
 from typing import TypeVar
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description import ignored_elements
+from aras_sim_bridge.description import supported_elements
 from aras_sim_bridge.description.camera_types import CameraPlugin, DepthDescription
-from aras_sim_bridge.description.element_reader import ElementReader
 from aras_sim_bridge.description.types import (
     ControlPlugin,
     GraspFixPlugin,
@@ -16,7 +15,7 @@ from aras_sim_bridge.description.types import (
     SensorDescription,
 )
 from aras_sim_bridge.errors import DescriptionError
-from aras_visual_servo_base.safe_xml import find_text, shorten
+from aras_visual_servo_base.safe_xml import ElementReader, find_text, shorten
 from aras_visual_servo_base.urdf import ZERO
 
 Plugin = ControlPlugin | CameraPlugin | SensorDescription | GraspFixPlugin | LinkAttacherPlugin
@@ -45,7 +44,7 @@ def read(element: Element, where: str, kinds: tuple[type[Kind], ...], warnings: 
         made = None if make is None else make(ElementReader(plugin, f"{where}: "))
         if isinstance(made, kinds):
             found.append(made)
-            warnings += ignored_elements.describe_ignored_elements(
+            warnings += supported_elements.describe_ignored_elements(
                 plugin, f"plugin {name}", f"{where}: plugin '{filename}'"
             )
             continue

@@ -10,11 +10,10 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from aras_sim_bridge.description.element_reader import ElementReader
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.poses import Pose, Vector3
-from aras_visual_servo_base.safe_xml import find_text, shorten
+from aras_visual_servo_base.safe_xml import ElementReader, find_text, shorten
 from aras_visual_servo_base.urdf import ZERO
 
 # largest number of copies of one <population>; each is simulated separately

@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description import (
-    ignored_elements,
     packages,
     plugins,
     population,
     sdf_includes,
+    supported_elements,
     world_joints,
 )
 from aras_sim_bridge.description.lights import read_light
@@ -119,7 +119,7 @@ def read_sdf(
     elements = world_joints.bolt_models(elements, warnings)
     expanded = Element(scope.tag)
     expanded.extend(elements)
-    warnings += ignored_elements.describe_ignored_elements(expanded, "world", "SDF")
+    warnings += supported_elements.describe_ignored_elements(expanded, "world", "SDF")
     frames = SdfFrames(expanded)
     warnings += frames.list_errors()
     used_names: set[tuple[str, str | None]] = set()
@@ -134,7 +134,7 @@ def read_sdf(
                 models.append(read_model(element, resolve, locate, frames))
             else:
                 where = f"light '{read_name(element, 'SDF')}'"
-                warnings += ignored_elements.describe_ignored_elements(element, "light", where)
+                warnings += supported_elements.describe_ignored_elements(element, "light", where)
                 lights.append(read_light(element, read_pose(element, where, frames)))
             used_names.add((element.tag, element.get("name")))
         except DescriptionError as error:

@@ -13,7 +13,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description import ignored_elements, sdf_dialects, sdf_frames
+from aras_sim_bridge.description import sdf_dialects, sdf_frames, supported_elements
 from aras_sim_bridge.description.packages import MODEL_PATH, OWN_MODELS, find_model
 from aras_sim_bridge.description.sdf_poses import write_pose
 from aras_sim_bridge.errors import DescriptionError
@@ -151,7 +151,7 @@ def _include(include: Element, uri: str, warnings: list[str], base: str | None,
     name = find_text(include, "name") or found.get("name") or ""
     found.set("name", name)
     where = f"<include> of '{shorten(name)}'"
-    warnings += ignored_elements.describe_ignored_elements(include, "include", where)
+    warnings += supported_elements.describe_ignored_elements(include, "include", where)
     if parse_bool(include.get("merge"), f"{where}: merge", False):
         warnings.append(f"{where}: merge is not supported, so the model's name precedes the names "
                         "of the included links")

@@ -4,13 +4,13 @@ from collections.abc import Mapping
 from dataclasses import replace
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description.element_reader import ElementReader
 from aras_sim_bridge.description.kinematic_tree import WORLD, JointInModel
 from aras_sim_bridge.description.sdf_dialects import MODEL_FRAME
 from aras_sim_bridge.description.sdf_poses import read_name, read_pose
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.poses import Pose
 from aras_visual_servo_base.safe_xml import (
+    ElementReader,
     find_text,
     parse_bool,
     parse_direction,

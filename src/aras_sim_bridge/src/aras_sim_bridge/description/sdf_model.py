@@ -12,13 +12,12 @@ from xml.etree.ElementTree import Element
 from aras_sim_bridge.description import (
     gazebo_materials,
     grasp_tags,
-    ignored_elements,
     ogre_materials,
     plugins,
     sensor_tags,
+    supported_elements,
 )
 from aras_sim_bridge.description.angle_unit_check import describe_limits_in_degrees
-from aras_sim_bridge.description.element_reader import ElementReader
 from aras_sim_bridge.description.geometry_tags import Resolve, read_bounce, read_geometry
 from aras_sim_bridge.description.inertia import make_inertial
 from aras_sim_bridge.description.kinematic_tree import (
@@ -42,7 +41,13 @@ from aras_sim_bridge.description.types import (
 )
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.poses import IDENTITY, Pose, Vector3
-from aras_visual_servo_base.safe_xml import find_text, parse_bool, parse_number, shorten
+from aras_visual_servo_base.safe_xml import (
+    ElementReader,
+    find_text,
+    parse_bool,
+    parse_number,
+    shorten,
+)
 from aras_visual_servo_base.urdf import Joint
 
 _TEXTURE_SHAPES = ("box", "plane", "mesh")
@@ -67,7 +72,7 @@ def read_model(element: Element, resolve: Resolve, locate: Locate, frames: Mappi
     read_plugins = plugins.read(element, "SDF", (SensorDescription, GraspFixPlugin), warnings)
     sensors = sensor_tags.ModelSensors(warnings)
     sensors.add_plugins(read_plugins)
-    warnings += ignored_elements.describe_ignored_elements(element, "model", where)
+    warnings += supported_elements.describe_ignored_elements(element, "model", where)
     static = parse_bool(find_text(element, "static"), f"{where}: static", False)
     links: dict[str, Link] = {}
     poses: dict[str, Pose] = {}

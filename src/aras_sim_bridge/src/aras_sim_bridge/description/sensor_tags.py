@@ -6,11 +6,16 @@ from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description import camera_tags, plugins
 from aras_sim_bridge.description.camera_types import CameraDescription
-from aras_sim_bridge.description.element_reader import ElementReader
 from aras_sim_bridge.description.types import ChannelNoise, Link, SensorDescription
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.names import suggest
-from aras_visual_servo_base.safe_xml import find_text, parse_number, parse_numbers, shorten
+from aras_visual_servo_base.safe_xml import (
+    ElementReader,
+    find_text,
+    parse_number,
+    parse_numbers,
+    shorten,
+)
 from aras_visual_servo_base.urdf import CAMERA_KINDS, Joint
 
 WORLDS = ("world", "/world", "map", "/map")

@@ -1,4 +1,4 @@
-"""Table of the supported elements of URDF and SDF; ignored_elements.py searches for the others.
+"""Table of the supported elements of URDF and SDF, and search for unsupported elements.
 
 The table has one entry for each kind of block, such as "link". The entry maps each child element to
 one of these:
@@ -12,8 +12,11 @@ one of these:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from types import MappingProxyType
+from xml.etree.ElementTree import Element
+
+from aras_visual_servo_base.safe_xml import shorten
 
 SUPPORTED = "served"
 _OFF = ("false", "0", "no")
@@ -55,7 +58,7 @@ _SURFACE = {
     },
 }
 # Shapes that are missing here are reported by geometry_tags.read_geometry instead.
-GEOMETRY = {
+_GEOMETRY = {
     "box": _support("size"),
     "sphere": _support("radius"),
     "cylinder": _support("radius length"),
@@ -77,7 +80,7 @@ _CAMERA = {
 }
 _SENSOR = {**_support("pose update_rate plugin always_on visualize"),
            "topic": ("", "__default_topic__", "__default__")}
-SENSORS = {
+_SENSORS = {
     **dict.fromkeys(("camera", "depth", "wideanglecamera", "multicamera"),
                     {**_SENSOR, "camera": _CAMERA}),
     "imu": {**_SENSOR, "imu": {"angular_velocity": _AXES, "linear_acceleration": _AXES}},
@@ -89,11 +92,11 @@ SENSORS = {
 _SDF_LINK = {
     **_support("pose gravity kinematic must_be_base_link"),
     "inertial": {**_support("mass pose"), "inertia": _support("ixx ixy ixz iyy iyz izz")},
-    "visual": {"pose": SUPPORTED, "geometry": GEOMETRY, "material": _MATERIAL, "cast_shadows": _ON,
+    "visual": {"pose": SUPPORTED, "geometry": _GEOMETRY, "material": _MATERIAL, "cast_shadows": _ON,
                "transparency": (0.0,), "laser_retro": (0.0,)},
-    "collision": {**_support("pose max_contacts"), "geometry": GEOMETRY, "surface": _SURFACE,
+    "collision": {**_support("pose max_contacts"), "geometry": _GEOMETRY, "surface": _SURFACE,
                   "laser_retro": (0.0,)},
-    "sensor": SENSORS, "self_collide": _OFF, "enable_wind": _OFF,
+    "sensor": _SENSORS, "self_collide": _OFF, "enable_wind": _OFF,
     "velocity_decay": {"linear": (0.0,), "angular": (0.0,)},
 }
 _ODE_JOINT = {
@@ -114,15 +117,15 @@ _AXIS = {
               "dissipation": (1.0,)},
     "dynamics": _support("damping friction spring_reference spring_stiffness"),
 }
-SDF_JOINT = {
+_SDF_JOINT = {
     **_support("pose parent child"), "axis": _AXIS,
     "physics": {"provide_feedback": SUPPORTED, "ode": _ODE_JOINT,
                 "simbody": _support("must_be_loop_joint")},
-    "sensor": SENSORS, "thread_pitch": (1.0,),
+    "sensor": _SENSORS, "thread_pitch": (1.0,),
 }
-_TWO_AXIS_JOINT = {**SDF_JOINT, "axis2": _AXIS}
-JOINTS = {"universal": _TWO_AXIS_JOINT, "revolute2": _TWO_AXIS_JOINT,
-           "screw": {**SDF_JOINT, "thread_pitch": SUPPORTED}}
+_TWO_AXIS_JOINT = {**_SDF_JOINT, "axis2": _AXIS}
+_JOINTS = {"universal": _TWO_AXIS_JOINT, "revolute2": _TWO_AXIS_JOINT,
+           "screw": {**_SDF_JOINT, "thread_pitch": SUPPORTED}}
 _NAMES = _support("robotNamespace topicName updateRate alwaysOn frameName")
 _OFFSETS = _support("gaussianNoise xyzOffset rpyOffset bodyName")
 _CAMERA_PLUGIN = {
@@ -209,13 +212,13 @@ _SCENE = {
 }
 _WIND = {"linear_velocity": ("0 0 0",)}
 # Blocks that a world contains only once, so that messages need not name their parents.
-SINGLE_BLOCKS = (_PHYSICS, _SCENE, _WIND)
+_SINGLE_BLOCKS = (_PHYSICS, _SCENE, _WIND)
 BLOCKS: Mapping[str, Entry] = MappingProxyType(
     {
         "model": {
             **_support("static pose plugin allow_auto_disable frame"),
             "link": _SDF_LINK,
-            "joint": SDF_JOINT,
+            "joint": _SDF_JOINT,
             "self_collide": _OFF,
             "enable_wind": _OFF,
         },
@@ -252,7 +255,7 @@ BLOCKS: Mapping[str, Entry] = MappingProxyType(
         "gazebo": {
             **_support("static plugin allow_auto_disable"),
             "link": _SDF_LINK,
-            "joint": SDF_JOINT,
+            "joint": _SDF_JOINT,
             "self_collide": _OFF,
             "selfCollide": _OFF,
         },
@@ -273,7 +276,7 @@ BLOCKS: Mapping[str, Entry] = MappingProxyType(
             "dampingFactor": (0.0,),
             "visual": {"material": _MATERIAL},
             "collision": {"surface": _SURFACE, "max_contacts": SUPPORTED},
-            "sensor": SENSORS,
+            "sensor": _SENSORS,
         },
         "gazebo joint": {
             **_support(
@@ -285,7 +288,94 @@ BLOCKS: Mapping[str, Entry] = MappingProxyType(
             "stopErp": (0.2,),
             "fudgeFactor": (0.0,),
             "physics": {"provide_feedback": SUPPORTED, "ode": _ODE_JOINT},
-            "sensor": SENSORS,
+            "sensor": _SENSORS,
         },
     }
 )
+
+
+def describe_ignored_elements(element: Element, block: str, where: str) -> list[str]:
+    """Return one sentence for each unsupported element in `element`, whose kind is `block`.
+
+    If several places have the same unsupported element, one sentence reports them. Tags of other
+    programs ("program:tag") are not reported.
+
+    Args:
+        where: name of the element in messages; '' if messages need only the names of its children.
+    """
+    return format_sentences(find_ignored_elements(element, block, where))
+
+
+def find_ignored_elements(element: Element, block: str, where: str) -> list[tuple[str, str]]:
+    """Return (place, tag) of each unsupported element in a block, in file order."""
+    found: list[tuple[str, str]] = []
+    _collect(element, BLOCKS[block], where, found)
+    return list(dict.fromkeys(found))
+
+
+def format_sentences(elements: Iterable[tuple[str, str]]) -> list[str]:
+    """Return sentences that report ignored elements, given as (place, tag).
+
+    Tags that are ignored in the same places are reported in one sentence.
+    """
+    places: dict[str, list[str]] = {}
+    for place, tag in elements:
+        places.setdefault(tag, []).append(place)
+    tags: dict[tuple[str, ...], list[str]] = {}
+    for tag, where in places.items():
+        tags.setdefault(tuple(where), []).append(tag)
+    return [f"{where[0]}{f' and {len(where) - 1} more' if len(where) > 1 else ''}: "
+            + (f"{names[0]} is ignored, because it is not supported" if len(names) == 1 else
+               f"{', '.join(names)} are ignored, because they are not supported")
+            for where, names in tags.items()]
+
+
+def _collect(element: Element, entry: Mapping[str, Entry], where: str,
+             elements: list[tuple[str, str]], is_single: bool = False) -> None:
+    """Add (place, tag) of the unsupported elements in `element`, whose entry is `entry`.
+
+    `is_single` is True inside a block of _SINGLE_BLOCKS.
+    """
+    for child in element:
+        if not isinstance(child.tag, str) or ":" in child.tag:
+            continue
+        inside = entry.get(child.tag)
+        if inside is _SENSORS:
+            # An unsupported type of sensor is not reported here, but by the reader of sensors.
+            inside = _SENSORS.get(child.get("type") or "", SUPPORTED)
+        if inside is _SDF_JOINT:
+            inside = _JOINTS.get(child.get("type") or "", _SDF_JOINT)
+        if inside is None and entry is _GEOMETRY:
+            continue
+        name = f" '{shorten(child.get('name'))}'" if child.get("name") else ""
+        if inside is None or isinstance(inside, tuple) and not _has_value(child, inside, element):
+            elements.append((where, f"<{shorten(child.tag)}>{name}"))
+        elif isinstance(inside, Mapping):
+            single = is_single or any(inside is one for one in _SINGLE_BLOCKS)
+            label = f"{child.tag}{name}" if name or single else ""
+            _collect(child, inside, ", ".join(filter(None, (where, label))), elements, single)
+
+
+def _has_value(element: Element, values: tuple, block: Element) -> bool:
+    """Return whether an element's value is one of `values`; see the top of this file."""
+    text = _read_value(element)
+    for value in map(str, values):
+        sibling = block.find(value) if value.isidentifier() else None
+        other = value if sibling is None else _read_value(sibling)
+        if text.split() == other.split():
+            return True
+        numbers = _parse_numbers(text)
+        if numbers is not None and numbers == _parse_numbers(other):
+            return True
+    return False
+
+
+def _read_value(element: Element) -> str:
+    return (element.get("value") or element.text or "").strip().lower()
+
+
+def _parse_numbers(text: str) -> list[float] | None:
+    try:
+        return [float(word) for word in text.split()]
+    except ValueError:
+        return None

@@ -4,7 +4,7 @@ from dataclasses import replace
 from types import MappingProxyType
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description import gazebo_tags, ignored_elements, packages
+from aras_sim_bridge.description import gazebo_tags, packages, supported_elements
 from aras_sim_bridge.description.angle_unit_check import (
     describe_angles_in_degrees,
     describe_limits_in_degrees,
@@ -73,7 +73,7 @@ def parse_urdf(
             )
     poses = _compute_link_poses(tree)
     tags = gazebo_tags.parse(robot, links, tree.joints, poses, resolve, warnings)
-    warnings += ignored_elements.describe_ignored_elements(
+    warnings += supported_elements.describe_ignored_elements(
         robot, "robot", f"robot '{safe_xml.shorten(tree.name)}'"
     )
     _unfold_planar(tags)

@@ -1,5 +1,6 @@
 """Robot without physics engine: unit masses that are driven by efforts or by positions."""
 
+import logging
 import socket
 import struct
 import sys
@@ -197,13 +198,33 @@ def make_soft():
     return soft_limits_of
 
 
+class LogLines(logging.Handler):
+    """Handler that collects the texts of log records in `lines`."""
+
+    def __init__(self):
+        super().__init__()
+        self.lines = []
+
+    def emit(self, record):
+        self.lines.append(record.getMessage())
+
+
 @pytest.fixture
-def make_rig():
+def log_lines():
+    """Texts of the records that the control package has logged for the newest rig."""
+    handler, logger = LogLines(), logging.getLogger("aras_sim_bridge.control")
+    logger.addHandler(handler)
+    yield handler.lines
+    logger.removeHandler(handler)
+
+
+@pytest.fixture
+def make_rig(log_lines):
     """Factory: make_rig([make_joint(...), ...], parameters, step_ns, control_period_ns)."""
 
     def make(joints, parameters=None, step_ns=1_000_000, control_period_ns=None, physics=True,
              q=None):
-        log = []
+        log_lines.clear()
         description = RobotDescription(
             "robot", "base", {}, {joint.name: joint for joint, _ in joints},
             tuple(transmission for _, transmission in joints),
@@ -211,9 +232,9 @@ def make_rig():
         model = UnitMasses([joint.name for joint, _ in joints if joint.kind != "fixed"])
         model.q[:] = q or model.q
         parameters = {} if parameters is None else parameters
-        hardware = RobotHardware(description, model, parameters, "/robot", log.append)
-        manager = ControllerManager(hardware, parameters, "/robot", log.append, log.append)
+        hardware = RobotHardware(description, model, parameters, "/robot")
+        manager = ControllerManager(hardware, parameters, "/robot")
         loop = ControlLoop(hardware, manager, step_ns, control_period_ns)
-        return Rig(model, hardware, manager, loop, log, 0, step_ns, physics)
+        return Rig(model, hardware, manager, loop, log_lines, 0, step_ns, physics)
 
     return make

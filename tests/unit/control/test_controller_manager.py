@@ -89,7 +89,8 @@ class TestLoading:
             ("ab", "initialized", PARAMETERS["ab"]["type"]),
             ("a1", "initialized", EFFORT),
         ]
-        claims = [(c.hardware_interface, c.resources) for i in infos for c in i.claimed_resources]
+        claims = [(c.hardware_interface, c.resources)
+                  for i in infos for c in i.controller.claimed_resources]
         assert claims == [
             ("hardware_interface::JointStateInterface", ()),
             ("hardware_interface::EffortJointInterface", ("a", "b")),

@@ -227,9 +227,11 @@ def test_rules_name_the_limit_they_lack(make_soft):
 class TestResolving:
     """URDF first, parameters over it."""
 
-    def resolve(self, joint, overrides):
-        said = []
-        return resolve_limits(joint, overrides, "/r/joint_limits/J", said.append), said
+    @pytest.fixture
+    def resolve(self, log_lines):
+        """Return the limits of a joint, and what was logged."""
+        return lambda joint, overrides: (
+            resolve_limits(joint, overrides, "/r/joint_limits/J"), log_lines)
 
     @pytest.mark.parametrize(("kind", "limits", "overrides", "expected"), [
         ("revolute", None, {}, JointBounds(-2.0, 2.0, 5.0, None, 100.0)),
@@ -241,16 +243,19 @@ class TestResolving:
             "max_acceleration": 3.0, "has_effort_limits": True, "max_effort": 7.0,
         }, JointBounds(-1.0, 1.0, None, 3.0, 7.0)),
     ])
-    def test_parameters_win_and_may_take_away(self, make_joint, kind, limits, overrides, expected):
-        assert self.resolve(make_joint("J", kind, limits=limits)[0], overrides) == (expected, [])
+    def test_parameters_win_and_may_take_away(
+        self, resolve, make_joint, kind, limits, overrides, expected
+    ):
+        joint, _ = make_joint("J", kind, limits=limits)
+        assert resolve(joint, overrides) == (expected, [])
 
-    def test_values_without_their_switch_are_ignored_aloud(self, make_joint):
-        limits, said = self.resolve(make_joint("J")[0], {"max_effort": 7.0})
+    def test_values_without_their_switch_are_ignored_aloud(self, resolve, make_joint):
+        limits, said = resolve(make_joint("J")[0], {"max_effort": 7.0})
         assert limits.max_effort == 100.0
         assert "has_effort_limits" in said[0]
 
-    def test_switch_without_values_keeps_the_urdf_aloud(self, make_joint):
-        limits, said = self.resolve(
+    def test_switch_without_values_keeps_the_urdf_aloud(self, resolve, make_joint):
+        limits, said = resolve(
             make_joint("J")[0], {"has_position_limits": True, "min_position": 0.0}
         )
         assert limits.min_position == -2.0
@@ -265,25 +270,25 @@ class TestResolving:
             {"has_position_limits": True, "min_position": 1.0, "max_position": -1.0},
         ],
     )
-    def test_impossible_limits_are_refused(self, make_joint, overrides):
+    def test_impossible_limits_are_refused(self, resolve, make_joint, overrides):
         with pytest.raises(HardwareError, match="/r/joint_limits/J"):
-            self.resolve(make_joint("J")[0], overrides)
+            resolve(make_joint("J")[0], overrides)
 
 
 @pytest.mark.parametrize("quantity", ["max_velocity", "max_acceleration", "max_effort"])
 def test_a_limit_of_zero_is_one(make_joint, quantity):
     joint, _ = make_joint("J")
     switch = f"has_{quantity.removeprefix('max_')}_limits"
-    limits = resolve_limits(joint, {switch: True, quantity: 0.0}, "/limits/J", print)
+    limits = resolve_limits(joint, {switch: True, quantity: 0.0}, "/limits/J")
     assert getattr(limits, quantity) == 0.0
     with pytest.raises(HardwareError, match="must not be negative"):
-        resolve_limits(joint, {switch: True, quantity: -0.1}, "/limits/J", print)
+        resolve_limits(joint, {switch: True, quantity: -0.1}, "/limits/J")
 
 
 @pytest.mark.parametrize("kind", ["revolute", "prismatic"])
 def test_a_range_that_the_urdf_leaves_out_is_zero(make_joint, make_limits, kind):
     joint, _ = make_joint("J", kind, limits=make_limits(lower=None, upper=None))
-    limits = resolve_limits(joint, {}, "/limits/J", print)
+    limits = resolve_limits(joint, {}, "/limits/J")
     assert (limits.min_position, limits.max_position) == (0.0, 0.0)
     assert JointHandle("J", kind, joint.limits).position_limits == (0.0, 0.0)
 

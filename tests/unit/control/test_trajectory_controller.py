@@ -220,14 +220,6 @@ class TestGoals:
             b.rig.step(1)
             assert handle.status == "succeeded"
 
-    def test_a_listener_that_comes_late_is_told_at_once(self, bench):
-        b = bench()
-        handle = b.controller.submit_goal(TrajectoryGoal(line()))
-        b.rig.step(200)
-        done = []
-        handle.on_done = done.append
-        assert done == [handle]
-
     def test_path_tolerance_aborts_and_says_by_how_much(self, bench):
         b = bench(constraints={"a": {"trajectory": 0.105}})
         b.rig.model.stuck.add("a")

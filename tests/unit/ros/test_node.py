@@ -17,7 +17,8 @@ from geometry_msgs.msg import Point, Pose, Quaternion
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64
 
-from aras_sim_bridge.control.switching import ControllerInfo
+from aras_sim_bridge.control.controllers import Controller
+from aras_sim_bridge.control.switching import LoadedController
 from aras_sim_bridge.description.types import SceneSettings
 from aras_sim_bridge.description.world_file import WorldFile
 from aras_sim_bridge.ros.runtime import node
@@ -240,8 +241,8 @@ def test_a_record_that_is_forgotten_is_written_no_more(graph):
     assert graph.parameters[place] == {"models": []}
     record = RestartRecord(True)
     record.add_model("spawn_urdf_model", request)
-    record.set_controllers("/ns", [ControllerInfo("c", "running", "t", ()),
-                               ControllerInfo("d", "stopped", "t", ())])
+    record.set_controllers("/ns", [LoadedController("c", "t", Controller(), "running"),
+                                   LoadedController("d", "t", Controller(), "stopped")])
     record.set_controllers("/other", [])
     assert graph.parameters[place] == {
         "models": [{"service": "spawn_urdf_model", "name": "m", "xml": "<a/>", "namespace": "/ns",

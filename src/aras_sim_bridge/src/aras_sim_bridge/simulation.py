@@ -532,10 +532,8 @@ class Simulation:
         self, model: Model, namespace: str, parameters: Mapping[str, object]
     ) -> ControlledModel | None:
         for plugin in model.description.control_plugins:
-            hardware = RobotHardware(
-                model.description, model, parameters, namespace, log.warning
-            )
-            manager = ControllerManager(hardware, parameters, namespace, log.warning, log.error)
+            hardware = RobotHardware(model.description, model, parameters, namespace)
+            manager = ControllerManager(hardware, parameters, namespace)
             period = plugin.control_period
             period_ns = None if period is None else round(period * 1e9)
             loop = ControlLoop(hardware, manager, self.step_ns, period_ns)

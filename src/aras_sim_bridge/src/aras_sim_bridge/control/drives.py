@@ -4,7 +4,8 @@
 finite command.
 """
 
-from collections.abc import Callable, Sequence
+import logging
+from collections.abc import Sequence
 from math import inf, isfinite, isnan, nan
 from typing import Protocol
 
@@ -35,6 +36,8 @@ from aras_sim_bridge.control.limits import (
 )
 from aras_sim_bridge.control.pid import PID_COLUMNS, Pid, compute_pid
 from aras_visual_servo_base.compiled import jit
+
+log = logging.getLogger(__name__)
 
 # Kinds of drives:
 DRIVES_EFFORT = 0  # a drive that applies the commanded effort
@@ -117,7 +120,6 @@ class Drive:
         handle: JointHandle,
         limits: JointBounds | None,
         joint: int,
-        warn: Callable[[str], None],
         pid: Pid | None = None,
     ) -> None:
         """Create a drive whose state is stored in `row`; `joint` is the joint's index in the model.
@@ -125,7 +127,7 @@ class Drive:
         Raises:
             HardwareError: the joint lacks a limit, such as max_velocity, that its LimitRule needs.
         """
-        self.row, self.handle, self.pid, self._warn = row, handle, pid, warn
+        self.row, self.handle, self.pid = row, handle, pid
         interface = handle.interface
         self.kind = _KINDS[interface][pid is not None]
         self.rule = make_rule(handle, limits, row[_RULE : _RULE + RULE_COLUMNS])
@@ -170,9 +172,10 @@ class Drive:
         if self.kind == SETS_POSITION:
             reached = model.set_position(name, output)
             if abs(reached - output) > COMMAND_ROUNDING and self._limit_event.record(time_ns):
-                self._warn(f"joint '{name}': position command {output:g} is beyond the joint's "
-                           f"stop at {reached:g}; the joint stays at this stop; change the command "
-                           "or joint_limits")
+                log.warning(
+                    f"joint '{name}': position command {output:g} is beyond the joint's stop at "
+                    f"{reached:g}; the joint stays at this stop; change the command or joint_limits"
+                )
         elif self.kind == TURNS_MOTOR:
             model.set_velocity_motor(name, output, self.row.item(MAX_EFFORT))
         else:
@@ -184,12 +187,12 @@ class Drive:
         news, row[_WARNINGS] = int(row[_WARNINGS]), 0.0
         what = f"joint '{handle.name}': {_QUANTITIES[handle.interface]} command"
         if news & 1:
-            self._warn(
+            log.warning(
                 f"{what} {row[_INVALID_COMMAND]} is not finite; {row[_LAST_VALID]:g} stays in use. "
                 "Check the controller that commands it"
             )
         if news & 2:
-            self._warn(
+            log.warning(
                 f"{what} {row[_DESIRED]:g} exceeds the limits that apply at position "
                 f"{handle.position:g} and velocity {handle.velocity:g}; {row[_APPLIED]:g} is "
                 "applied; change the command or the limits"

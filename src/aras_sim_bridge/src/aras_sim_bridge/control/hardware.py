@@ -5,7 +5,8 @@ commands and applies them. The order of these steps, the limits and the emergenc
 as in gazebo_ros_control.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+import logging
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -36,9 +37,7 @@ from aras_visual_servo_base.settings import read
 _PREFIX = "hardware_interface/"
 _GAINS = "gazebo_ros_control/pid_gains"
 _HARD_VELOCITY_LIMITS = "hard_velocity_limits"
-
-def _ignore(text: str) -> None:
-    """Ignore a log line."""
+log = logging.getLogger(__name__)
 
 
 class RobotHardware:
@@ -67,7 +66,6 @@ class RobotHardware:
         model: SimulatedRobot,
         parameters: Mapping | None = None,
         namespace: str = "",
-        warn: Callable[[str], None] = _ignore,
     ) -> None:
         self.description = description
         self.model = model
@@ -78,7 +76,6 @@ class RobotHardware:
         self.pids: dict[str, Pid] = {}
         self._namespace = namespace.rstrip("/")
         self._parameters = parameters or {}
-        self._warn = warn
         self.drives: list[Drive] = []
         count = len(description.transmissions)
         self.handle_rows = np.zeros((count, HANDLE_COLUMNS))
@@ -86,7 +83,7 @@ class RobotHardware:
         self._joints = {name: k for k, name in enumerate(model.joint_names)}
         unprefixed = [j for t in description.transmissions for j in self._add(t)]
         if unprefixed:
-            warn(
+            log.warning(
                 f"transmissions of {', '.join(unprefixed)}: <hardwareInterface> without "
                 f"'{_PREFIX}' is deprecated; add this prefix"
             )
@@ -116,23 +113,23 @@ class RobotHardware:
         commanded = [i for i in transmission.interfaces if i.removeprefix(_PREFIX) != STATE]
         if interface.removeprefix(_PREFIX) == STATE:
             if not commanded:
-                self._warn(f"{label} is skipped: {interface} takes no commands; add a command "
-                           "interface")
+                log.warning(f"{label} is skipped: {interface} takes no commands; add a command "
+                            "interface")
                 return []
             interface = commanded[0]
         if not (transmission.type and joint_name and interface and transmission.has_actuator):
-            self._warn(
+            log.warning(
                 f"{label} is skipped: it needs a <type>, a <joint> with a <hardwareInterface> "
                 f"and an <actuator>"
             )
             return []
         if len(transmission.joints) > 1:
-            self._warn(f"{label} is skipped: only one joint per transmission is supported, but it "
-                       f"has {', '.join(transmission.joints)}; write one transmission for each")
+            log.warning(f"{label} is skipped: only one joint per transmission is supported, but it "
+                        f"has {', '.join(transmission.joints)}; write one transmission for each")
             return []
         if len(commanded) > 1:
-            self._warn(f"{label}: only the first of the interfaces {', '.join(commanded)} is used; "
-                       "remove the others")
+            log.warning(f"{label}: only the first of the interfaces {', '.join(commanded)} is "
+                        "used; remove the others")
         short = interface.removeprefix(_PREFIX)
         if short not in COMMAND_INTERFACES:
             raise HardwareError(
@@ -153,14 +150,14 @@ class RobotHardware:
         handle = JointHandle(joint_name, joint.kind, joint.limits, joint.soft_limits, short, row)
         where = f"{self._namespace}/joint_limits/{joint_name}"
         overrides = find_value(self._parameters, f"joint_limits/{joint_name}")
-        limits = resolve_limits(joint, overrides or {}, where, self._warn)
+        limits = resolve_limits(joint, overrides or {}, where)
         self.handles[joint_name] = handle
         self.limits[joint_name] = limits
         self.interfaces[short].add(joint_name)
         self.interfaces[STATE].add(joint_name)
         pid = None if short == EFFORT else self._make_pid(joint_name)
         self.drives.append(Drive(self.drive_rows[len(self.drives)], handle, limits,
-                                 self._joints[joint_name], self._warn, pid))
+                                 self._joints[joint_name], pid))
         return [] if interface.startswith(_PREFIX) else [joint_name]
 
     def _make_pid(self, joint: str) -> Pid | None:
@@ -169,7 +166,7 @@ class RobotHardware:
         if gains is None:
             return None
         if not isinstance(gains, Mapping) or "p" not in gains:
-            self._warn(f"{where} has no p: joint '{joint}' is driven without PID; set p")
+            log.warning(f"{where} has no p: joint '{joint}' is driven without PID; set p")
             return None
         try:
             pid = Pid.from_parameters(gains, where)

@@ -5,7 +5,8 @@ interface. The hardware writes the state and reads the commands; controllers do 
 Units: rad or m, rad/s or m/s, N m or N.
 """
 
-from collections.abc import Callable, Mapping
+import logging
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,8 @@ from aras_sim_bridge.errors import HardwareError
 from aras_visual_servo_base.compiled import column, jit
 from aras_visual_servo_base.settings import read
 from aras_visual_servo_base.urdf import Joint, JointLimits, SoftLimits
+
+log = logging.getLogger(__name__)
 
 EFFORT = "EffortJointInterface"
 POSITION = "PositionJointInterface"
@@ -97,16 +100,16 @@ class JointBounds:
         return self.min_position is not None
 
 
+# For each limited quantity, its parameters in joint_limits/<joint>.
 _OVERRIDES = {
+    "position": ("min_position", "max_position"),
     "velocity": ("max_velocity",),
     "acceleration": ("max_acceleration",),
     "effort": ("max_effort",),
 }
 
 
-def resolve_limits(
-    joint: Joint, overrides: Mapping, where: str, warn: Callable[[str], None]
-) -> JointBounds | None:
+def resolve_limits(joint: Joint, overrides: Mapping, where: str) -> JointBounds | None:
     """Merge the URDF's limits of `joint` with the parameters <ns>/joint_limits/<joint>.
 
     As in ros_control, a parameter such as max_velocity is ignored unless has_velocity_limits is
@@ -131,9 +134,8 @@ def resolve_limits(
             values["max_position"] = joint.limits.upper or 0.0
     if joint.limits is None and not overrides:
         return None
-    _override(values, overrides, "position", ("min_position", "max_position"), where, warn)
     for quantity, keys in _OVERRIDES.items():
-        _override(values, overrides, quantity, keys, where, warn)
+        _override(values, overrides, quantity, keys, where)
     limits = JointBounds(**values)
     _check(limits, joint.name, where)
     return limits
@@ -145,7 +147,6 @@ def _override(
     quantity: str,
     keys: tuple[str, ...],
     where: str,
-    warn: Callable[[str], None],
 ) -> None:
     switch = f"has_{quantity}_limits"
     enabled = read(overrides, switch, bool, where, HardwareError, None)
@@ -158,10 +159,10 @@ def _override(
             values[key] = read(overrides, key, float, where, HardwareError)
     elif enabled:
         missing = [key for key in keys if key not in given]
-        warn(f"{where}/{switch} has no effect without {' and '.join(missing)}: set "
-             f"{' and '.join(f'{where}/{key}' for key in missing)}")
+        log.warning(f"{where}/{switch} has no effect without {' and '.join(missing)}: set "
+                    f"{' and '.join(f'{where}/{key}' for key in missing)}")
     elif given:
-        warn(f"{where}/{given[0]} is ignored: set {where}/{switch} to true to use it")
+        log.warning(f"{where}/{given[0]} is ignored: set {where}/{switch} to true to use it")
 
 
 def _check(limits: JointBounds, joint: str, where: str) -> None:

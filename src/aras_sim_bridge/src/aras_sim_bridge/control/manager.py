@@ -5,6 +5,7 @@ A switch is checked immediately and carried out at the end of the next update().
 simulation is paused, a switch request therefore stays pending; no method waits for it.
 """
 
+import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from aras_sim_bridge.control.controllers.base import Controller, ControllerContext
@@ -16,7 +17,6 @@ from aras_sim_bridge.control.switching import (
     RUNNING,
     STOPPED,
     STRICT,
-    ControllerInfo,
     LoadedController,
     SwitchRequest,
     plan_switch,
@@ -26,11 +26,7 @@ from aras_visual_servo_base.names import USER_FAULTS
 from aras_visual_servo_base.setting_values import find_value
 
 CLASSES_PARAMETER = "controller_classes"
-_STATE_HOOKS = {RUNNING: "starting", STOPPED: "stopping"}
-
-
-def _ignore(text: str) -> None:
-    """Ignore a log line."""
+log = logging.getLogger(__name__)
 
 
 def _flatten(classes: Mapping, above: str = "") -> Iterator[tuple[str, object]]:
@@ -61,17 +57,12 @@ class ControllerManager:
         hardware: RobotHardware,
         parameters: Mapping | None = None,
         namespace: str = "",
-        warn: Callable[[str], None] = _ignore,
-        error: Callable[[str], None] = _ignore,
     ) -> None:
         self.hardware = hardware
         self.parameters = parameters or {}
         self.namespace = namespace.rstrip("/")
         self.registry = ControllerTypes()
-        self._warn = warn
-        self._error = error
-        self._entries: dict[str, LoadedController] = {}
-        self._order: list[LoadedController] = []
+        self._loaded: dict[str, LoadedController] = {}  # in the order of loading
         self._pending: list[SwitchRequest] = []
         self._has_e_stopped = False
         self._time_ns = 0
@@ -98,7 +89,7 @@ class ControllerManager:
             ControllerError: the controller is already loaded, its type is missing or unknown, or
                 its init fails; no controller is loaded.
         """
-        if name in self._entries:
+        if name in self._loaded:
             raise ControllerError(f"controller '{name}' is already loaded")
         given = find_value(self.parameters, name) if name else None
         where = f"{self.namespace}/{name}"
@@ -113,8 +104,7 @@ class ControllerManager:
             # Set the context here, because a user's `init` may omit the call of the base class's
             # `init`, which would set the context.
             controller.context = context = ControllerContext(
-                name, self.namespace, self.hardware.description, self.parameters, self._warn,
-                self._error,
+                name, self.namespace, self.hardware.description, self.parameters
             )
             controller.init(self.hardware, given, context)
         except ControllerError as error:
@@ -124,35 +114,28 @@ class ControllerManager:
                 f"cannot load controller '{name}': {type_name} raised "
                 f"{type(error).__name__}: {error}"
             ) from error
-        entry = LoadedController(name, type_name, controller)
-        self._entries[name] = entry
-        self._order = [*self._order, entry]
+        self._loaded[name] = LoadedController(name, type_name, controller)
         return controller
 
     def unload(self, name: str) -> None:
         """Unload a controller. Raises ControllerError if it is not loaded or still running."""
-        entry = self._entries.get(name)
-        if entry is None:
+        if name not in self._loaded:
             raise ControllerError(f"cannot unload controller '{name}': it is not loaded")
-        if entry.running:
+        if self._loaded[name].is_running:
             raise ControllerError(
                 f"cannot unload controller '{name}': it is running; stop it first"
             )
-        del self._entries[name]
-        self._order = [other for other in self._order if other is not entry]
+        del self._loaded[name]
 
     def get(self, name: str) -> Controller:
         """Return the loaded controller `name`. Raises ControllerError if it is not loaded."""
-        if name not in self._entries:
+        if name not in self._loaded:
             raise ControllerError(f"controller '{name}' is not loaded")
-        return self._entries[name].controller
+        return self._loaded[name].controller
 
-    def list(self) -> Sequence[ControllerInfo]:
-        """Return information on the loaded controllers in the order of their updates."""
-        return [
-            ControllerInfo(e.name, e.state, e.type_name, e.controller.claimed_resources)
-            for e in self._order
-        ]
+    def list(self) -> Sequence[LoadedController]:
+        """Return the loaded controllers in the order of their updates."""
+        return tuple(self._loaded.values())
 
     def list_types(self) -> Sequence[tuple[str, str]]:
         """Return the known (type, base class) pairs, sorted by name."""
@@ -167,9 +150,9 @@ class ControllerManager:
         Raises:
             ControllerError: controllers are loaded and `force_kill` is False.
         """
-        if self._entries and not force_kill:
+        if self._loaded and not force_kill:
             raise ControllerError(
-                f"cannot reload the controller classes: {', '.join(self._entries)} are loaded; "
+                f"cannot reload the controller classes: {', '.join(self._loaded)} are loaded; "
                 f"unload them or set force_kill"
             )
         self.shutdown()
@@ -177,11 +160,10 @@ class ControllerManager:
 
     def shutdown(self) -> None:
         """Reject pending switches; stop and unload all controllers in reverse order of loading."""
-        for entry in reversed(self._order):
-            if entry.running:
-                self._change_state(entry, STOPPED, self._time_ns)
-        self._entries.clear()
-        self._order = []
+        for entry in reversed(self.running):
+            self._change_state(entry, STOPPED, self._time_ns)
+        self._loaded.clear()
+        self.running = ()
         pending, self._pending = self._pending, []
         for request in pending:
             request.finish("all controllers were unloaded")
@@ -201,7 +183,7 @@ class ControllerManager:
             ControllerError: the rules of ros_control do not allow the switch.
         """
         if strictness == 0:
-            self._warn(
+            log.warning(
                 "switch_controller: strictness 0 is interpreted as BEST_EFFORT (1); set 1 or 2"
             )
             strictness = BEST_EFFORT
@@ -212,7 +194,7 @@ class ControllerManager:
         request = SwitchRequest(start, stop, strictness, start_asap)
         self._pending = [r for r in self._pending if not r.is_done]
         if not self._pending:
-            plan_switch(request, self._entries, self._order)
+            plan_switch(request, self._loaded)
         self._pending.append(request)
         return request
 
@@ -228,12 +210,11 @@ class ControllerManager:
             self._has_e_stopped = True
         elif self._has_e_stopped:
             self._has_e_stopped = False
-            for entry in self._order:
-                if entry.running and self._change_state(entry, STOPPED, time_ns):
+            for entry in self.running:
+                if self._change_state(entry, STOPPED, time_ns):
                     self._change_state(entry, RUNNING, time_ns)
-        for entry in self._order:
-            if entry.running:
-                self.run(entry, time_ns, period)
+        for entry in self.running:
+            self.run(entry, time_ns, period)
         if self._pending:
             self.carry_out_switches(time_ns)
 
@@ -254,7 +235,7 @@ class ControllerManager:
 
         Pending commands are discarded; with `restart` the PIDs are reset, too.
         """
-        for entry in self._order:
+        for entry in self.list():
             controller = entry.controller
             try:
                 controller.reset()
@@ -272,7 +253,7 @@ class ControllerManager:
             try:
                 # Check the request again: after it was accepted, one of its controllers may have
                 # been unloaded.
-                stops, starts = plan_switch(request, self._entries, self._order)
+                stops, starts = plan_switch(request, self._loaded)
             except ControllerError as error:
                 request.finish(str(error))
                 continue
@@ -285,7 +266,7 @@ class ControllerManager:
 
     def _change_state(self, entry: LoadedController, state: str, time_ns: int) -> bool:
         """Start or stop a controller; return whether this succeeded."""
-        verb = _STATE_HOOKS[state]
+        verb = "starting" if state == RUNNING else "stopping"
         try:
             getattr(entry.controller, verb)(time_ns)
         except USER_FAULTS as error:
@@ -295,8 +276,8 @@ class ControllerManager:
         return True
 
     def _set_state(self, entry: LoadedController, state: str) -> None:
-        entry.set_state(state)
-        self.running = tuple(e for e in self._order if e.running)
+        entry.state = state
+        self.running = tuple(e for e in self._loaded.values() if e.is_running)
 
     def _abort(self, entry: LoadedController, verb: str, error: BaseException) -> None:
         self._set_state(entry, ABORTED)
@@ -305,7 +286,7 @@ class ControllerManager:
             if handle is not None:
                 handle.effort_command = 0.0
                 handle.velocity_command = 0.0
-        self._error(
+        log.error(
             f"controller '{entry.name}' raised {type(error).__name__} in {verb}(): {error}; it is "
             f"aborted and its joints {', '.join(entry.controller.joints) or '(none)'} are released"
         )

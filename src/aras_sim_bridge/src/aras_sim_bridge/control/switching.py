@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from aras_sim_bridge.control.controllers.base import ClaimedResources, Controller
+from aras_sim_bridge.control.controllers.base import Controller
 from aras_sim_bridge.errors import ControllerError
 
 BEST_EFFORT = 1
@@ -13,16 +13,6 @@ INITIALIZED = "initialized"
 RUNNING = "running"
 STOPPED = "stopped"
 ABORTED = "aborted"
-
-
-@dataclass(frozen=True, slots=True)
-class ControllerInfo:
-    """Information on one controller for list_controllers."""
-
-    name: str
-    state: str
-    type: str
-    claimed_resources: tuple[ClaimedResources, ...]
 
 
 class SwitchRequest:
@@ -56,68 +46,64 @@ class SwitchRequest:
             self.on_done(self)
 
 
+@dataclass(slots=True, eq=False)
 class LoadedController:
-    """A loaded controller with its name, type and state."""
+    """A loaded controller with its name, type and state, as list_controllers reports them."""
 
-    __slots__ = ("name", "type_name", "controller", "state", "running")
+    name: str
+    type: str
+    controller: Controller
+    state: str = INITIALIZED
 
-    def __init__(self, name: str, type_name: str, controller: Controller) -> None:
-        self.name = name
-        self.type_name = type_name
-        self.controller = controller
-        self.state = INITIALIZED
-        self.running = False
-
-    def set_state(self, state: str) -> None:
-        """Set the state."""
-        self.state = state
-        self.running = state == RUNNING
+    @property
+    def is_running(self) -> bool:
+        """Whether the control loop updates the controller."""
+        return self.state == RUNNING
 
 
 def plan_switch(
-    request: SwitchRequest,
-    entries: Mapping[str, LoadedController],
-    order: Sequence[LoadedController],
+    request: SwitchRequest, loaded: Mapping[str, LoadedController]
 ) -> tuple[list[LoadedController], list[LoadedController]]:
     """Return the controllers to stop and the controllers to start.
 
     Args:
-        entries: loaded controllers by name.
-        order: the same controllers in the order of updates.
+        loaded: loaded controllers by name, in the order of updates.
 
     Raises:
         ControllerError: the rules of ros_control do not allow the switch.
     """
     strict = request.strictness == STRICT
-    stops = _find_entries(request.stop, entries, strict, "stop")
-    starts = _find_entries(request.start, entries, strict, "start")
+    stops = _find_entries(request.stop, loaded, strict, "stop")
+    starts = _find_entries(request.start, loaded, strict, "start")
     for entry in stops:
-        if entry in starts and entry.running:
+        if entry in starts and entry.is_running:
             raise ControllerError(
                 f"controller '{entry.name}' is running and cannot be both stopped and started in "
                 f"one switch"
             )
-        if strict and not entry.running:
+        if strict and not entry.is_running:
             raise ControllerError(
                 f"cannot stop controller '{entry.name}': it is {entry.state}, not running"
             )
-    stops = [entry for entry in stops if entry.running]
+    stops = [entry for entry in stops if entry.is_running]
     for entry in starts:
-        if strict and entry.running:
+        if strict and entry.is_running:
             raise ControllerError(f"cannot start controller '{entry.name}': it is running already")
-    _check_claims([e for e in order if (e.running and e not in stops) or e in starts])
+    _check_claims(
+        [e for e in loaded.values() if (e.is_running and e not in stops) or e in starts]
+    )
     if request.start_asap:
-        starts = [entry for entry in starts if not entry.running]
+        starts = [entry for entry in starts if not entry.is_running]
     return stops, starts
 
 
 def _find_entries(
-    names: Sequence[str], entries: Mapping[str, LoadedController], strict: bool, verb: str
+    names: Sequence[str], loaded: Mapping[str, LoadedController], strict: bool, verb: str
 ) -> list[LoadedController]:
     found = []
     for name in names:
-        if name in entries:
-            found.append(entries[name])
+        if name in loaded:
+            found.append(loaded[name])
         elif strict:
             raise ControllerError(f"cannot {verb} controller '{name}': it is not loaded")
     return found

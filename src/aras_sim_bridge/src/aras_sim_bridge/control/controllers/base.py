@@ -46,27 +46,20 @@ from aras_visual_servo_base.settings import read
 STATE_EVERY = 10
 
 
-def _ignore(text: str) -> None:
-    """Ignore a log line."""
-
-
 @dataclass(frozen=True, slots=True)
 class ControllerContext:
-    """Name, namespace, robot and loggers of a controller.
+    """Name, namespace and robot of a controller.
 
     Attributes:
         namespace: namespace of the robot, without trailing slash.
         description: description of the robot, or None.
         robot_parameters: parameters in the robot's namespace.
-        warn, error: functions that log one line.
     """
 
     name: str
     namespace: str = ""
     description: RobotDescription | None = None
     robot_parameters: Mapping = field(default_factory=dict)
-    warn: Callable[[str], None] = _ignore
-    error: Callable[[str], None] = _ignore
 
     @property
     def where(self) -> str:

@@ -72,8 +72,8 @@ class JointCommandController(Controller):
         self.rows = np.zeros((len(handles), LOOP_COLUMNS))
         self.loops = [
             JointControlLoop(
-                row, self.loop_kind, handle, known.index(handle.name), target, context.warn,
-                context.name, **self._make_loop_options(handle.name, parameters),
+                row, self.loop_kind, handle, known.index(handle.name), target, context.name,
+                **self._make_loop_options(handle.name, parameters),
             )
             for row, handle in zip(self.rows, handles, strict=True)
         ]  # fmt: skip

@@ -1,9 +1,11 @@
-"""Goal handles of the controllers' actions."""
+"""Goals of the controllers' actions, and the base class of controllers with an action."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Generic, TypeVar
+from dataclasses import dataclass
+
+from aras_sim_bridge.control.controllers.base import Controller
 
 ACTIVE = "active"
 REJECTED = "rejected"
@@ -11,51 +13,51 @@ SUCCEEDED = "succeeded"
 ABORTED = "aborted"
 PREEMPTED = "preempted"
 
-Goal = TypeVar("Goal")
-Result = TypeVar("Result")
 
-
-class GoalHandle(Generic[Goal, Result]):
+@dataclass(slots=True, eq=False)
+class GoalHandle:
     """An action goal, its status and its result; used only in the simulation thread.
 
-    `status` is 'active', 'rejected', 'succeeded', 'aborted' or 'preempted'; `result` is set unless
-    the goal is active. `on_feedback` is called with the states of a trajectory controller while it
-    follows the goal. `on_done(GoalHandle)` is called once, when the goal ends, or immediately if it
-    is set after the end.
+    Attributes:
+        goal: goal, in the type of the controller.
+        status: 'active', 'rejected', 'succeeded', 'aborted' or 'preempted'.
+        result: result of the goal; None while the goal is active.
+        on_feedback: function that is called with the states of a trajectory controller while it
+            follows the goal.
+        on_done: function that is called with this handle when an active goal ends.
     """
 
-    def __init__(self, goal: Goal) -> None:
-        self.goal = goal
-        self.status = ACTIVE
-        self.result: Result | None = None
-        self.on_feedback: Callable[[object], None] | None = None
-        self._on_done: Callable[[GoalHandle], None] | None = None
-        self._is_announced = False
+    goal: object
+    status: str = ACTIVE
+    result: object | None = None
+    on_feedback: Callable[[object], None] | None = None
+    on_done: Callable[[GoalHandle], None] | None = None
 
     @property
     def is_done(self) -> bool:
         """Whether the goal has ended."""
         return self.status != ACTIVE
 
-    @property
-    def on_done(self) -> Callable[[GoalHandle], None] | None:
-        """Function that is called with this handle when the goal has ended."""
-        return self._on_done
+    def finish(self, status: str, result: object) -> None:
+        """End the goal and call `on_done`."""
+        self.status, self.result = status, result
+        if self.on_done is not None:
+            self.on_done(self)
 
-    @on_done.setter
-    def on_done(self, callback: Callable[[GoalHandle], None] | None) -> None:
-        self._on_done = callback
-        self.announce()
 
-    def finish(self, status: str, result: Result) -> None:
-        """Call on_done if the goal has ended, unless on_done has already been called."""
-        if not self.is_done:
-            self.result = result
-            self.status = status
+class ActionController(Controller):
+    """Base class of controllers with an action, of which at most one goal is active.
 
-    def announce(self) -> None:
-        """Call on_done if the goal has ended and on_done has not been called yet."""
-        callback = self._on_done
-        if callback is not None and self.is_done and not self._is_announced:
-            self._is_announced = True
-            callback(self)
+    All methods must be called in the simulation thread. The functions `on_done`, `on_feedback` and
+    `on_state` may call the controller, because a method calls them only when the controller is
+    ready for the next command.
+    """
+
+    _goal: GoalHandle | None = None
+    _running = False
+
+    def _end_goal(self, status: str, result: object, next_goal: GoalHandle | None = None) -> None:
+        """End the active goal, if there is one; `next_goal` replaces it."""
+        goal, self._goal = self._goal, next_goal
+        if goal is not None:
+            goal.finish(status, result)

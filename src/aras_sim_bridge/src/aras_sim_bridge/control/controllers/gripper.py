@@ -5,12 +5,13 @@ from dataclasses import dataclass
 from functools import partial
 from math import isfinite
 
-from aras_sim_bridge.control.controllers.base import Controller, ControllerContext
+from aras_sim_bridge.control.controllers.base import ControllerContext
 from aras_sim_bridge.control.controllers.goal_handle import (
     ABORTED,
     PREEMPTED,
     REJECTED,
     SUCCEEDED,
+    ActionController,
     GoalHandle,
 )
 from aras_sim_bridge.control.controllers.registry import register
@@ -52,7 +53,7 @@ class GripperResult:
     text: str = ""
 
 
-class GripperActionController(Controller):
+class GripperActionController(ActionController):
     """Move a joint to the position of a goal, with the semantics of ros_controllers.
 
     The goal succeeds within `goal_tolerance` of its position. It is aborted if the joint is slower
@@ -65,9 +66,6 @@ class GripperActionController(Controller):
         max_effort: largest effort before the first goal and after a cancelled goal; 0 N m or N.
         stall_velocity_threshold: 0.001 rad/s or m/s.
         stall_timeout: 1 s.
-
-    All methods must be called in the simulation thread. The functions `on_done` and `on_state` may
-    call the controller, because a method calls them only when it has finished its own work.
     """
 
     action_kind = "gripper_command"
@@ -85,8 +83,6 @@ class GripperActionController(Controller):
         self._stall_velocity = given("stall_velocity_threshold", float, default=0.001)
         self._stall_timeout_ns = round(given("stall_timeout", float, default=1.0) * _NS_PER_S)
         self._init_output(parameters)
-        self._running = False
-        self._goal: GoalHandle[GripperGoal, GripperResult] | None = None
         self._desired = GripperGoal(0.0)
 
     def _init_output(self, parameters: Mapping) -> None:
@@ -102,18 +98,17 @@ class GripperActionController(Controller):
     def starting(self, time_ns: int) -> None:
         """Hold the measured position."""
         super().starting(time_ns)
-        ended = self._end_goal(PREEMPTED, GripperResult())
         self._hold_position()
         self._effort = 0.0
         self._last_motion_ns: int | None = None
         self._start_output()
         self._running = True
-        _announce(ended)
+        self._end_goal(PREEMPTED, GripperResult())
 
     def stopping(self, time_ns: int) -> None:
         """Cancel the active goal."""
         self._running = False
-        _announce(self._end_goal(PREEMPTED, GripperResult()))
+        self._end_goal(PREEMPTED, GripperResult())
 
     def reset(self) -> None:
         """Restart the stall timer, because the clock was reset."""
@@ -122,23 +117,21 @@ class GripperActionController(Controller):
 
     def update(self, time_ns: int, period: float) -> None:
         """End the goal if it is reached or the joint has stalled, and write the command."""
-        ended = self._check_goal(time_ns) if self._goal is not None else None
+        if self._goal is not None:
+            self._check_goal(time_ns)
         self._effort = self._command(period)
-        _announce(ended)
 
-    def _check_goal(self, time_ns: int) -> GoalHandle | None:
-        """End the active goal if it is reached or the joint has stalled; return it if it has ended.
-        """
+    def _check_goal(self, time_ns: int) -> None:
+        """End the active goal if it is reached or the joint has stalled."""
         position, speed = self._handle.position, abs(self._handle.velocity)
         if abs(self._desired.position - position) < self._tolerance:
-            return self._end_goal(SUCCEEDED, GripperResult(position, self._effort, False, True))
-        if speed > self._stall_velocity or self._last_motion_ns is None:
+            self._end_goal(SUCCEEDED, GripperResult(position, self._effort, False, True))
+        elif speed > self._stall_velocity or self._last_motion_ns is None:
             self._last_motion_ns = time_ns
         elif time_ns - self._last_motion_ns > self._stall_timeout_ns:
-            return self._end_goal(ABORTED, GripperResult(position, self._effort, True, False))
-        return None
+            self._end_goal(ABORTED, GripperResult(position, self._effort, True, False))
 
-    def submit_goal(self, goal: GripperGoal) -> GoalHandle[GripperGoal, GripperResult]:
+    def submit_goal(self, goal: GripperGoal) -> GoalHandle:
         """Start a goal, which replaces the previous one.
 
         Returns:
@@ -155,28 +148,20 @@ class GripperActionController(Controller):
             text = f"controller '{self.context.name}': {refused}"
             handle.finish(REJECTED, GripperResult(text=text))
             return handle
-        ended = self._end_goal(PREEMPTED, GripperResult())
-        self._goal, self._desired, self._last_motion_ns = handle, goal, None
-        _announce(ended)
+        self._desired, self._last_motion_ns = goal, None
+        self._end_goal(PREEMPTED, GripperResult(), handle)
         return handle
 
     def cancel_goal(self, handle: GoalHandle) -> bool:
         """Hold the current position if `handle` is the active goal; return whether it was."""
         if self._goal is not handle:
             return False
-        ended = self._end_goal(PREEMPTED, GripperResult())
         self._hold_position()
-        _announce(ended)
+        self._end_goal(PREEMPTED, GripperResult())
         return True
 
     def _hold_position(self) -> None:
         self._desired = GripperGoal(self._handle.position, self._default_effort)
-
-    def _end_goal(self, status: str, result: GripperResult) -> GoalHandle | None:
-        goal, self._goal = self._goal, None
-        if goal is not None:
-            goal.finish(status, result)
-        return goal
 
 
 @register("position_controllers/GripperActionController", interface=POSITION)
@@ -219,8 +204,3 @@ class EffortGripperController(GripperActionController):
         effort = self._pid.compute(error, period, -self._handle.velocity)
         self._handle.effort_command = effort = min(max(effort, -most), most)
         return effort
-
-
-def _announce(goal: GoalHandle | None) -> None:
-    if goal is not None:
-        goal.announce()

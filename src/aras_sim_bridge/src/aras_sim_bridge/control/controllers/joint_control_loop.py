@@ -1,6 +1,6 @@
 """Control loop of one joint of a JointCommandController (see forward.py)."""
 
-from collections.abc import Callable
+import logging
 from math import inf
 
 import numpy as np
@@ -24,6 +24,8 @@ from aras_sim_bridge.control.joints import (
 )
 from aras_sim_bridge.control.pid import PID_COLUMNS, Pid, compute_pid
 from aras_visual_servo_base.compiled import column, jit
+
+log = logging.getLogger(__name__)
 
 # A position error of an angular joint below this value, rad, is used as it is: the direct rotation
 # is then the shorter one, and it stays within the position limits.
@@ -68,7 +70,6 @@ class JointControlLoop:
         "row",
         "_kind",
         "_limit_event",
-        "_warn",
         "_label",
         "_interpolation",
     )
@@ -83,7 +84,6 @@ class JointControlLoop:
         handle: JointHandle,
         index: int,
         target: int,
-        warn: Callable[[str], None],
         label: str,
         pid: Pid | None = None,
         interpolate: bool = False,
@@ -93,11 +93,10 @@ class JointControlLoop:
         Args:
             index: index of the handle among the robot's handles.
             target: column of the handle's row to which the output is written.
-            warn: function that logs one line.
             label: name of the controller in log lines.
         """
         self.handle, self.pid, self.row, self._kind = handle, pid, row, kind
-        self._warn, self._label = warn, label
+        self._label = label
         travel = handle.position_limits if kind == POSITION_PID else None
         row[_HANDLE : _UPPER + 1] = index, target, kind, handle.is_angular, *(travel or (-inf, inf))
         row[_INTERPOLATES] = interpolate
@@ -151,7 +150,7 @@ class JointControlLoop:
         """Log a warning if `command`, which was set before, is beyond the position limits."""
         reachable = self.row.item(_COMMAND)
         if abs(reachable - command) > COMMAND_ROUNDING and self._limit_event.record(time_ns):
-            self._warn(
+            log.warning(
                 f"controller '{self._label}': command {command:g} for joint "
                 f"'{self.handle.name}' is beyond its limits [{self.row[_LOWER]:g}, "
                 f"{self.row[_UPPER]:g}]; {reachable:g} is used"

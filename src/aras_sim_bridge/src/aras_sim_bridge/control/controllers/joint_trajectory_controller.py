@@ -5,16 +5,18 @@ The controllers follow spline trajectories from a topic or an action. The contro
 trajectory.
 """
 
+import logging
 from collections.abc import Mapping
 from functools import partial
 
 from aras_sim_bridge import angles
-from aras_sim_bridge.control.controllers.base import Controller, ControllerContext, read_joint_names
+from aras_sim_bridge.control.controllers.base import ControllerContext, read_joint_names
 from aras_sim_bridge.control.controllers.goal_handle import (
     ABORTED,
     PREEMPTED,
     REJECTED,
     SUCCEEDED,
+    ActionController,
     GoalHandle,
 )
 from aras_sim_bridge.control.controllers.splines import SplineSegment, Waypoint
@@ -39,6 +41,8 @@ from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.errors import ControllerError
 from aras_visual_servo_base.settings import read
 
+log = logging.getLogger(__name__)
+
 _NS_PER_S = 1_000_000_000
 
 
@@ -60,12 +64,11 @@ class _Timer:
         return True
 
 
-class JointTrajectoryController(Controller):
+class JointTrajectoryController(ActionController):
     """Base class of the trajectory controllers for the position, velocity and effort interfaces.
 
-    All methods must be called in the simulation thread; `set_command` therefore uses a trajectory
-    immediately. The functions `on_done`, `on_feedback` and `on_state` may call the controller,
-    because a method calls them only when it has finished its own work.
+    `set_command` uses a trajectory immediately, because all methods are called in the simulation
+    thread.
     """
 
     command_kind = "joint_trajectory"
@@ -94,9 +97,7 @@ class JointTrajectoryController(Controller):
             given("constraints", Mapping, default={}), f"{where}/constraints", joints
         )
         self._init_output(parameters, where)
-        self._running = False
         self._segments: list[JointSegments] = []
-        self._goal: GoalHandle | None = None
         self._arrived_joints: set[int] = set()
         self._reset_measurements(0)
 
@@ -120,20 +121,18 @@ class JointTrajectoryController(Controller):
         """Hold the measured position."""
         super().starting(time_ns)
         self._running = False
-        ended = self._end_goal(PREEMPTED, ErrorCode.SUCCESSFUL, "controller restarted")
         self._reset_measurements(time_ns)
         self._state_timer.start(0)
         self._hold_position(0)
         self._desired[0] = [handle.position for handle in self._handles]
         self._start_output()
         self._running = True
-        _announce(ended)
+        self._preempt_goal("controller restarted")
 
     def stopping(self, time_ns: int) -> None:
         """Cancel the active goal."""
         self._running = False
-        ended = self._end_goal(PREEMPTED, ErrorCode.SUCCESSFUL, "controller stopped")
-        _announce(ended)
+        self._preempt_goal("controller stopped")
 
     def update(self, time_ns: int, period: float) -> None:
         """Sample the trajectory, check the tolerances and write the commands."""
@@ -143,7 +142,6 @@ class JointTrajectoryController(Controller):
         active = self._goal
         first = self._sample(now_ns)
         self._command(period)
-        ended = self._check_goal(now_ns) if active is not None else None
         feedback = active is not None and self._feedback_timer.is_due(now_ns)
         listener = self.on_state if self._state_timer.is_due(now_ns) else None
         state = self._make_state(first, now_ns) if listener is not None or feedback else None
@@ -151,7 +149,9 @@ class JointTrajectoryController(Controller):
             listener(state)
         if feedback and active.on_feedback is not None:
             active.on_feedback(state)
-        _announce(ended)
+        # A listener may have replaced the goal.
+        if active is not None and active is self._goal:
+            self._check_goal(now_ns)
 
     def _sample(self, now_ns: int) -> SplineSegment:
         """Update desired, actual and error states; return the first joint's current segment."""
@@ -170,9 +170,8 @@ class JointTrajectoryController(Controller):
             errors[1][k] = velocity - handle.velocity
         return self._segments[0][present[0]]
 
-    def _check_goal(self, now_ns: int) -> GoalHandle | None:
-        """End the active goal if it is reached or violates a tolerance; return it if it has ended.
-        """
+    def _check_goal(self, now_ns: int) -> None:
+        """End the active goal if it is reached or violates a tolerance."""
         errors = self._errors
         for k in range(len(self.joints)):
             segments, index = self._segments[k], self._segment_indices[k]
@@ -184,8 +183,9 @@ class JointTrajectoryController(Controller):
             # may not be 0 yet, as on a straight line.
             if now_ns <= segment.end_ns:
                 if not segment.path_tolerance.is_met(error, errors[1][k]):
-                    code = ErrorCode.PATH_TOLERANCE_VIOLATED
-                    return self._end_goal(ABORTED, code, f"{name} path error {error:f}")
+                    code, text = ErrorCode.PATH_TOLERANCE_VIOLATED, f"{name} path error {error:f}"
+                    self._end_goal(ABORTED, TrajectoryResult(code, text))
+                    return
             elif index == len(segments) - 1:
                 if segment.goal_tolerance.is_met(error, errors[1][k]):
                     self._arrived_joints.add(k)
@@ -193,11 +193,11 @@ class JointTrajectoryController(Controller):
                     k not in self._arrived_joints
                     and now_ns >= segment.end_ns + segment.goal_time_ns
                 ):
-                    code = ErrorCode.GOAL_TOLERANCE_VIOLATED
-                    return self._end_goal(ABORTED, code, f"{name} goal error {error:f}")
+                    code, text = ErrorCode.GOAL_TOLERANCE_VIOLATED, f"{name} goal error {error:f}"
+                    self._end_goal(ABORTED, TrajectoryResult(code, text))
+                    return
         if len(self._arrived_joints) == len(self.joints):
-            return self._end_goal(SUCCEEDED, ErrorCode.SUCCESSFUL)
-        return None
+            self._end_goal(SUCCEEDED, TrajectoryResult(ErrorCode.SUCCESSFUL))
 
     def _make_state(self, segment: SplineSegment, now_ns: int) -> TrajectoryControllerState:
         elapsed = max(now_ns - segment.start_ns, 0) / _NS_PER_S
@@ -220,8 +220,7 @@ class JointTrajectoryController(Controller):
             InvalidTrajectoryError: the trajectory cannot be followed; the current one continues.
         """
         self._accept_trajectory(value, None)
-        ended = self._end_goal(PREEMPTED, ErrorCode.SUCCESSFUL, "preempted by a command")
-        _announce(ended)
+        self._preempt_goal("preempted by a command")
 
     def submit_goal(self, goal: TrajectoryGoal) -> GoalHandle:
         """Start an action goal, which replaces the previous one.
@@ -230,17 +229,14 @@ class JointTrajectoryController(Controller):
             The handle: active, or rejected with the reason in its result.
         """
         handle = GoalHandle(goal)
-        ended = None
         try:
             self._accept_trajectory(goal.trajectory, handle)
         except InvalidTrajectoryError as error:
             handle.finish(REJECTED, TrajectoryResult(error.code, str(error)))
         else:
-            ended = self._end_goal(PREEMPTED, ErrorCode.SUCCESSFUL, "preempted by a new goal")
-            self._goal = handle
             self._arrived_joints = set()
             self._feedback_timer.start(self._uptime_ns)
-        _announce(ended)
+            self._preempt_goal("preempted by a new goal", handle)
         return handle
 
     def cancel_goal(self, handle: GoalHandle) -> bool:
@@ -248,8 +244,7 @@ class JointTrajectoryController(Controller):
         if self._goal is not handle:
             return False
         self._hold_position(self._uptime_ns)
-        ended = self._end_goal(PREEMPTED, ErrorCode.SUCCESSFUL, "cancelled")
-        _announce(ended)
+        self._preempt_goal("cancelled")
         return True
 
     def query_state(self, time_ns: int) -> StatePoint:
@@ -310,7 +305,7 @@ class JointTrajectoryController(Controller):
             raise InvalidTrajectoryError(error.code, f"controller '{name}': {error}") from None
         silent = dropped == 1 and not trajectory.stamp_ns
         if dropped and not (silent and trajectory.points[0].time_from_start_ns == 0):
-            self.context.warn(
+            log.warning(
                 f"controller '{name}': {dropped} of {len(trajectory.points)} trajectory points "
                 f"are in the past and were dropped; check the header stamp and time_from_start"
             )
@@ -352,13 +347,5 @@ class JointTrajectoryController(Controller):
         there_and_back = SplineSegment(now_ns, begin, now_ns + 2 * self._stop_ns, mirror)
         return SplineSegment(now_ns, begin, half_ns, Waypoint(*there_and_back.sample(half_ns)))
 
-    def _end_goal(self, status: str, code: ErrorCode, text: str = "") -> GoalHandle | None:
-        goal, self._goal = self._goal, None
-        if goal is not None:
-            goal.finish(status, TrajectoryResult(code, text))
-        return goal
-
-
-def _announce(goal: GoalHandle | None) -> None:
-    if goal is not None:
-        goal.announce()
+    def _preempt_goal(self, reason: str, next_goal: GoalHandle | None = None) -> None:
+        self._end_goal(PREEMPTED, TrajectoryResult(ErrorCode.SUCCESSFUL, reason), next_goal)

@@ -18,7 +18,6 @@ from controller_manager_msgs.srv import (
 )
 from std_msgs.msg import Bool
 
-from aras_sim_bridge.control.controllers import Controller
 from aras_sim_bridge.control.switching import SwitchRequest
 from aras_sim_bridge.errors import ControllerError
 from aras_sim_bridge.ros.control.command_subscriber import CommandSubscriber
@@ -103,12 +102,12 @@ class ManagerServices:
     def list_controllers(self, _simulation: Simulation, _request: ListControllers) -> Fields:
         """Return names, states, types and claimed resources of the loaded controllers."""
         controllers = []
-        for info in self._manager.list():
+        for entry in self._manager.list():
             claims = [
                 HardwareInterfaceResources(claim.hardware_interface, list(claim.resources))
-                for claim in info.claimed_resources
+                for claim in entry.controller.claimed_resources
             ]
-            controllers.append(ControllerState(info.name, info.state, info.type, claims))
+            controllers.append(ControllerState(entry.name, entry.state, entry.type, claims))
         return {"controller": controllers}
 
     @service_handler(ListControllerTypes, in_caller_thread=True)
@@ -197,12 +196,9 @@ class ManagerServices:
 
     def _sync_topics(self) -> None:
         """Open the topics of newly loaded controllers and close those of unloaded ones."""
-
-        def find_controllers() -> dict[str, Controller]:
-            return {info.name: self._manager.get(info.name) for info in self._manager.list()}
-
-        controllers = self._thread.call(find_controllers)
-        self._restart_record.set_controllers(self._namespace, self._thread.call(self._manager.list))
+        loaded = self._thread.call(self._manager.list)
+        self._restart_record.set_controllers(self._namespace, loaded)
+        controllers = {entry.name: entry.controller for entry in loaded}
         for name, topics in list(self._topics.items()):
             if controllers.get(name) is not topics.controller:
                 topics.shutdown()

@@ -14,7 +14,7 @@ from controller_manager_msgs.srv import LoadController, SwitchController
 from gazebo_msgs.srv import SpawnModel
 from geometry_msgs.msg import Point, Pose, Quaternion
 
-from aras_sim_bridge.control.switching import RUNNING, STRICT, ControllerInfo
+from aras_sim_bridge.control.switching import STRICT, LoadedController
 from aras_visual_servo_ros.parameters import get_namespace
 
 PARAMETER = "~spawned"
@@ -52,9 +52,9 @@ class RestartRecord:
         self._models.pop(name, None)
         self._write()
 
-    def set_controllers(self, namespace: str, controllers: Iterable[ControllerInfo]) -> None:
+    def set_controllers(self, namespace: str, controllers: Iterable[LoadedController]) -> None:
         """Record the controllers of the robot in `namespace`, and which of them are running."""
-        self._controllers[namespace] = [(info.name, info.state == RUNNING) for info in controllers]
+        self._controllers[namespace] = [(one.name, one.is_running) for one in controllers]
         self._write()
 
     def clear(self) -> None:

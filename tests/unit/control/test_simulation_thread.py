@@ -35,7 +35,7 @@ class Empty(Simulation):
 
 def gate_of(thread: SimulationThread) -> Lockstep:
     """A gate that waits for /c, of which the test tells the messages."""
-    gate = Lockstep(["/c"], 60.0, thread.wake, flusher=QueueFlusher())
+    gate = Lockstep(["/c"], 60.0, thread.receiver.wake, flusher=QueueFlusher())
     gate.claim("/c")
     return gate
 

@@ -170,7 +170,7 @@ def test_in_lockstep_each_command_acts_in_a_step_of_its_own(at_once):
     thread = SimulationThread(
         lambda: simulation, Pacer(0.0, wall), after_step=after_step, receiver=script
     )
-    thread.lockstep = gate = Lockstep(["/c"], 60.0, thread.wake, flusher=QueueFlusher())
+    thread.lockstep = gate = Lockstep(["/c"], 60.0, thread.receiver.wake, flusher=QueueFlusher())
     gate.claim("/c")
     script.after_message = lambda: gate.note_message("/c")
     thread.start()

@@ -40,8 +40,8 @@ from aras_sim_bridge.ros.camera.compressed import (
     CompressedTopic,
     encode,
 )
+from aras_sim_bridge.ros.camera.image_topics import PointsTopic
 from aras_sim_bridge.ros.camera.info import add_prefix, find_calibration_path
-from aras_sim_bridge.ros.camera.points_topic import PointsTopic
 from aras_sim_bridge.ros.camera.topics import CameraTopics
 from aras_sim_bridge.ros.runtime.device_interfaces import DeviceInterfaces
 

@@ -3,27 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import ExitStack
 
 import rospy
 from sensor_msgs.msg import CameraInfo
 from sensor_msgs.srv import SetCameraInfo
 from std_msgs.msg import Empty, String
 
-from aras_sim_bridge.camera import CameraConfig, CameraIntrinsics, CameraReading
+from aras_sim_bridge.camera import CameraConfig, CameraReading
 from aras_sim_bridge.camera.mounting import MountedCamera, find_simultaneous
 from aras_sim_bridge.camera.point_cloud_builder import clip_depth
 from aras_sim_bridge.errors import CameraError
 from aras_sim_bridge.ros.camera import frame_broadcaster
 from aras_sim_bridge.ros.camera.compressed import CompressedTopic
-from aras_sim_bridge.ros.camera.image_topic import ImageTopic
+from aras_sim_bridge.ros.camera.image_topics import ImageTopic, LabelTopic, PointsTopic
 from aras_sim_bridge.ros.camera.info import (
     add_prefix,
     format_sensor_yaml,
     save_calibration,
     to_camera_info,
 )
-from aras_sim_bridge.ros.camera.labels import LabelTopic
-from aras_sim_bridge.ros.camera.points_topic import PointsTopic
 from aras_sim_bridge.ros.conversions import to_time
 from aras_sim_bridge.ros.runtime.publisher import NonBlockingPublisher, SubscriberWatch
 from aras_sim_bridge.ros.runtime.services import Fields, ServiceTable, service_handler
@@ -58,99 +57,74 @@ class CameraTopics:
         self._camera_name = config.camera_name or config.name
         frame = config.optical_frame_name or config.frame_name or mounted.link
         self._frame_id = add_prefix(frame, self.namespace)
-        self._topics: list[Topic] = []
-        self._services: list[ServiceTable | ReconfigureServer] = []
-        self._trigger: rospy.Subscriber | None = None
-        self._sensor_settings: rospy.Publisher | None = None
-        self._depth: ImageTopic | None = None
-        self._points: PointsTopic | None = None
-        self._depth_info: NonBlockingPublisher | None = None
-        self._segmentation: ImageTopic | None = None
-        self._labels: LabelTopic | None = None
-        self._publishes_frame = False
+        self._topics: dict[str, Topic] = {}
+        self._cleanup = ExitStack()  # closes everything that this object has advertised
         self._is_advertised = False
         try:
-            self._info_message = to_camera_info(thread.call(self._read_intrinsics))
+            self._info_message = to_camera_info(thread.call(lambda: mounted.sensor.info))
             self._info_message.header.frame_id = self._frame_id
-            self._advertise(config)
+            self._advertise_topics(config)
+            self._advertise_services(config)
+            self._publish_frame()
         except Exception:
             self.shutdown()
             raise
         self._is_advertised = True
         self._on_subscribers()
 
-    def _read_intrinsics(self) -> CameraIntrinsics:
-        return self._mounted.sensor.info
-
-    def _advertise(self, config: CameraConfig) -> None:
-        watch = SubscriberWatch(self._on_subscribers)
-        self._info = self._make_info_topic(config.resolve_topic(config.info_topic))
-        self._image = self._add_topic(
-            ImageTopic(config.resolve_topic(config.image_topic), self._on_subscribers)
-        )
-        self._compressed = self._add_topic(
-            CompressedTopic(config.resolve_topic(config.image_topic), watch)
-        )
+    def _advertise_topics(self, config: CameraConfig) -> None:
+        resolve, on_change = config.resolve_topic, self._on_subscribers
+        image_topic = resolve(config.image_topic)
+        self._add_info_topic("info", resolve(config.info_topic))
+        self._add_topic("image", ImageTopic(image_topic, on_change))
+        self._add_topic("compressed", CompressedTopic(image_topic, SubscriberWatch(on_change)))
         if config.depth:
             names = config.depth_topics
-            self._depth = self._add_topic(
-                ImageTopic(config.resolve_topic(names.image), self._on_subscribers)
-            )
-            self._depth_info = self._make_info_topic(config.resolve_topic(names.info))
+            self._add_topic("depth", ImageTopic(resolve(names.image), on_change))
+            self._add_info_topic("depth_info", resolve(names.info))
             if names.points:
                 rays = self._thread.call(self._mounted.sensor.compute_rays)
-                self._points = self._add_topic(
-                    PointsTopic(
-                        config.resolve_topic(names.points), rays, names, self._on_subscribers
-                    )
-                )
-        if config.trigger_topic:
-            self._trigger = rospy.Subscriber(
-                config.resolve_topic(config.trigger_topic), Empty, self._on_trigger, queue_size=10)
+                points = PointsTopic(resolve(names.points), rays, names, on_change)
+                self._add_topic("points", points)
         if config.segmentation:
-            topic = config.resolve_topic("segmentation/image_raw")
-            self._segmentation = self._add_topic(ImageTopic(topic, self._on_subscribers))
-            topic = config.resolve_topic("segmentation/labels")
-            self._labels = self._add_topic(LabelTopic(topic, self._on_subscribers))
+            image_topic = resolve("segmentation/image_raw")
+            self._add_topic("segmentation", ImageTopic(image_topic, on_change))
+            self._add_topic("labels", LabelTopic(resolve("segmentation/labels"), on_change))
+
+    def _add_topic(self, name: str, topic: Topic) -> None:
+        self._topics[name] = topic
+        self._cleanup.callback(topic.unregister)
+
+    def _add_info_topic(self, name: str, topic: str) -> None:
+        on_change = self._on_subscribers
+        self._add_topic(name, NonBlockingPublisher(topic, CameraInfo, 2, on_change=on_change))
+
+    def _advertise_services(self, config: CameraConfig) -> None:
+        if config.trigger_topic:
+            topic = config.resolve_topic(config.trigger_topic)
+            trigger = rospy.Subscriber(topic, Empty, self._on_trigger, queue_size=10)
+            self._cleanup.callback(trigger.unregister)
         topic = config.resolve_topic("sensor_info")
-        self._sensor_settings = rospy.Publisher(topic, String, latch=True, queue_size=1)
-        self._sensor_settings.publish(String(format_sensor_yaml(config)))
-        self._services.append(ServiceTable(self.namespace, self._thread, self.set_camera_info))
+        sensor_settings = rospy.Publisher(topic, String, latch=True, queue_size=1)
+        self._cleanup.callback(sensor_settings.unregister)
+        sensor_settings.publish(String(format_sensor_yaml(config)))
+        services = ServiceTable(self.namespace, self._thread, self.set_camera_info)
+        self._cleanup.callback(services.shutdown)
         # As in gazebo_ros, only a camera with a name has a dynamic_reconfigure server for its rate.
         if config.camera_name:
-            self._services.append(self._make_rate_server(self._thread.call(self._read_rate)))
-        self._publishes_frame = frame_broadcaster.announce(
-            self._mounted,
-            self._thread.call(lambda: self._mounted.parent_T_optical),
-            self._frame_id,
-            self.namespace,
-        )
+            rate = self._thread.call(lambda: self._mounted.sensor.rate)
+            self._cleanup.callback(self._make_rate_server(rate).shutdown)
+
+    def _publish_frame(self) -> None:
+        pose = self._thread.call(lambda: self._mounted.parent_T_optical)
+        if frame_broadcaster.announce(self._mounted, pose, self._frame_id, self.namespace):
+            self._cleanup.callback(frame_broadcaster.withdraw, self._frame_id)
 
     def shutdown(self) -> None:
         """Shut down all topics and services of the camera."""
         self._is_advertised = False
         self._on_subscribers()
-        if self._publishes_frame:
-            frame_broadcaster.withdraw(self._frame_id)
-        for topic in (self._trigger, self._sensor_settings):
-            if topic is not None:
-                topic.unregister()
-        for service in self._services:
-            service.shutdown()
-        for topic in self._topics:
-            topic.unregister()
-
-    def _add_topic(self, topic: Topic) -> Topic:
-        self._topics.append(topic)
-        return topic
-
-    def _make_info_topic(self, topic: str) -> NonBlockingPublisher:
-        return self._add_topic(
-            NonBlockingPublisher(topic, CameraInfo, queue_size=2, on_change=self._on_subscribers)
-        )
-
-    def _read_rate(self) -> float:
-        return self._mounted.sensor.rate
+        self._cleanup.close()
 
     def _make_rate_server(self, rate: float) -> ReconfigureServer:
         """Serve the parameter imager_rate with the limits of gazebo_ros, 1 and 50 Hz.
@@ -193,33 +167,37 @@ class CameraTopics:
         """Enable images, depth and segmentation only if their topics have subscribers."""
         mounted = self._mounted
         mounted.on_frame = self._on_frame if self._is_advertised else None
-        mounted.enabled = self._is_advertised and any(map(_has_subscribers, self._topics))
-        needs_depth = _has_subscribers(self._depth) or _has_subscribers(self._points)
-        mounted.sensor.depth = self._is_advertised and needs_depth
-        mounted.sensor.segmentation = self._is_advertised and _has_subscribers(self._segmentation)
+        mounted.enabled = self._is_advertised and self._has_subscribers(*self._topics)
+        mounted.sensor.depth = self._is_advertised and self._has_subscribers("depth", "points")
+        mounted.sensor.segmentation = self._is_advertised and self._has_subscribers("segmentation")
+
+    def _has_subscribers(self, *names: str) -> bool:
+        """Return whether one of the topics exists and has a subscriber."""
+        topics = self._topics
+        return any(name in topics and topics[name].subscriber_count > 0 for name in names)
 
     def _on_frame(self, frame: CameraReading) -> None:
         """Publish one frame on all topics that have subscribers."""
         if self._before_frame is not None:
             self._before_frame()
-        stamp = to_time(frame.stamp_ns)
-        self._image.send(stamp, self._frame_id, frame.image, frame.encoding)
-        for publisher in (self._info, self._depth_info):
-            if _has_subscribers(publisher):
+        topics, stamp, frame_id = self._topics, to_time(frame.stamp_ns), self._frame_id
+        topics["image"].send(stamp, frame_id, frame.image, frame.encoding)
+        for name in ("info", "depth_info"):
+            if self._has_subscribers(name):
                 self._info_message.header.stamp = stamp
-                publisher.publish(self._info_message)
-        if _has_subscribers(self._compressed):
-            self._compressed.publish(stamp, self._frame_id, frame)
-        if frame.depth is not None and self._depth is not None:
+                topics[name].publish(self._info_message)
+        if self._has_subscribers("compressed"):
+            topics["compressed"].publish(stamp, frame_id, frame)
+        if frame.depth is not None:
             names = self._mounted.sensor.config.depth_topics
-            self._depth.send(stamp, self._frame_id, clip_depth(frame.depth, names),
-                                "16UC1" if names.millimetres else "32FC1")
-        if frame.depth is not None and self._points is not None:
-            self._points.send(stamp, self._frame_id, frame)
-        if self._labels is not None:
-            self._labels.update(self._thread.simulation)
-        if frame.segmentation is not None and self._segmentation is not None:
-            self._segmentation.send(stamp, self._frame_id, frame.segmentation, "32SC1")
+            encoding = "16UC1" if names.millimetres else "32FC1"
+            topics["depth"].send(stamp, frame_id, clip_depth(frame.depth, names), encoding)
+            if "points" in topics:
+                topics["points"].send(stamp, frame_id, frame)
+        if "labels" in topics:
+            topics["labels"].update(self._thread.simulation)
+        if frame.segmentation is not None:
+            topics["segmentation"].send(stamp, frame_id, frame.segmentation, "32SC1")
 
     @service_handler(SetCameraInfo, in_caller_thread=True)
     def set_camera_info(self, _thread: SimulationThread, request: SetCameraInfo) -> Fields:
@@ -236,7 +214,3 @@ class CameraTopics:
             return {"success": False, "status_message": text}
         rospy.loginfo("%s: calibration written to %s", self.namespace, path)
         return None
-
-
-def _has_subscribers(topic: Topic | None) -> bool:
-    return topic is not None and topic.subscriber_count > 0

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
+from functools import partial
 from typing import ClassVar
 
-import rospy
 from actionlib.action_server import ActionServer
 from actionlib.server_goal_handle import ServerGoalHandle
-from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from genpy import Message
 
 from aras_sim_bridge.control.controllers.goal_handle import (
@@ -35,31 +35,14 @@ class _SimTimeActionServer(ActionServer):
         self._thread = thread
         super().__init__(*args, auto_start=False)
 
-    def publish_result(self, status: GoalStatus, result: Message) -> None:
-        with self.lock:
-            self._send(self.result_pub, self.ActionResult(status=status, result=result))
-            self.publish_status()
+    def initialize(self) -> None:
+        super().initialize()
+        for publisher in (self.status_pub, self.result_pub, self.feedback_pub):
+            publisher.publish = partial(self._stamp_and_publish, publisher.publish)
 
-    def publish_feedback(self, status: GoalStatus, feedback: Message) -> None:
-        with self.lock:
-            self._send(self.feedback_pub, self.ActionFeedback(status=status, feedback=feedback))
-
-    def publish_status(self) -> None:
-        with self.lock:
-            now = rospy.Time.now()
-            self.status_list = [
-                tracker
-                for tracker in self.status_list
-                if tracker.handle_destruction_time == rospy.Time()
-                or tracker.handle_destruction_time + self.status_list_timeout >= now
-            ]
-            statuses = [tracker.status for tracker in self.status_list]
-            self._send(self.status_pub, GoalStatusArray(status_list=statuses))
-
-    def _send(self, publisher: rospy.Publisher, message: Message) -> None:
+    def _stamp_and_publish(self, publish: Callable[[Message], None], message: Message) -> None:
         message.header.stamp = to_time(self._thread.now_ns())
-        if not rospy.is_shutdown():
-            publisher.publish(message)
+        publish(message)
 
 
 class ControllerActionServer(ABC):

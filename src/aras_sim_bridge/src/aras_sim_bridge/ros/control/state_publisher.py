@@ -3,27 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
 
 from genpy import Message
 
+from aras_sim_bridge.control.controllers import Controller
+from aras_sim_bridge.control.pid import Pid
 from aras_sim_bridge.ros.runtime.publisher import NonBlockingPublisher
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
-
-
-class StateSource(Protocol):
-    """Controller, PID or sensor that passes each of its states to the function `on_state`.
-
-    If `on_state` is None, no states are computed.
-    """
-
-    on_state: Callable[[object], None] | None
+from aras_sim_bridge.sensors import PeriodicSensor
 
 
 class StatePublisher:
-    """Topic with the states of a source.
+    """Topic with the states that a source passes to its function `on_state`.
 
-    The source computes states only while the topic has subscribers.
+    The source computes states only while the topic has subscribers; otherwise `on_state` is None.
     """
 
     def __init__(
@@ -31,7 +24,7 @@ class StatePublisher:
         topic: str,
         message: type[Message],
         queue_size: int,
-        source: StateSource,
+        source: Controller | Pid | PeriodicSensor,
         fill: Callable[[Message, object], object],
         thread: SimulationThread,
     ) -> None:

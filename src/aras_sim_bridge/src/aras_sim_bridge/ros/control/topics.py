@@ -38,15 +38,7 @@ class PidTopics:
     def __init__(self, namespace: str, pid: Pid, thread: SimulationThread) -> None:
         """Advertise the gains of `pid` in `namespace`, and its state if it is to be published."""
         self._pid = pid
-        gains = pid.gains
-        values = {
-            "p": gains.p,
-            "i": gains.i,
-            "d": gains.d,
-            "i_clamp_min": gains.i_min,
-            "i_clamp_max": gains.i_max,
-            "antiwindup": gains.antiwindup,
-        }
+        values = dict(zip(_GAINS, pid.gains, strict=True))
         self._server = ReconfigureServer(namespace, PID_FIELDS, values, self._apply)
         self._state: StatePublisher | None = None
         if pid.publish_state:
@@ -65,16 +57,7 @@ class PidTopics:
             self._state.shutdown()
 
     def _apply(self, values: dict[str, Value]) -> None:
-        self._pid.set_gains(
-            PidGains(
-                values["p"],
-                values["i"],
-                values["d"],
-                values["i_clamp_max"],
-                values["i_clamp_min"],
-                values["antiwindup"],
-            )
-        )
+        self._pid.set_gains(PidGains(*(values[name] for name in _GAINS)))
 
 
 class ControllerTopics:
@@ -88,7 +71,7 @@ class ControllerTopics:
         where = controller.context.where
         self._parts: list[
             CommandSubscriber | StatePublisher | PidTopics | ControllerActionServer
-        ] = []
+        ] = [PidTopics(f"{where}/{name}", pid, thread) for name, pid in controller.pids.items()]
         if controller.command_kind in COMMANDS:
             message, decode = COMMANDS[controller.command_kind]
             self._parts.append(
@@ -107,8 +90,6 @@ class ControllerTopics:
                 if getattr(controller, "true_stamps", False):
                     fill = _restamp(fill, thread)
             self._parts.append(StatePublisher(topic, message, queue_size, controller, fill, thread))
-        for name, pid in controller.pids.items():
-            self._parts.append(PidTopics(f"{where}/{name}", pid, thread))
         if controller.action_kind in ACTIONS:
             self._parts.append(ACTIONS[controller.action_kind](controller, where, thread))
 
@@ -173,5 +154,7 @@ ACTIONS = {
     "follow_joint_trajectory": TrajectoryActionServer,
     "gripper_command": GripperActionServer,
 }
+# Names of the fields of PidGains in dynamic_reconfigure.
+_GAINS = ("p", "i", "d", "i_clamp_max", "i_clamp_min", "antiwindup")
 _PID_FIELDS = tuple(name for name in PidState.__slots__ if name not in ("header", "timestep"))
 _CONTROLLER_FIELDS = tuple(name for name in JointControllerState.__slots__ if name != "header")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from math import inf
 
 from gazebo_msgs.srv import ApplyBodyWrench, ApplyJointEffort, BodyRequest, JointRequest
 
@@ -21,14 +21,14 @@ from aras_visual_servo_base.poses import add, cross, rotate, subtract
 class _TimedForce:
     """Wrench or effort on a model from `start_ns` to `end_ns`, ns of simulated time.
 
-    If `end_ns` is None, the force acts until it is cleared. `target` is model::link for a wrench,
+    If `end_ns` is inf, the force acts until it is cleared. `target` is model::link for a wrench,
     and the name of the joint, without the model, for an effort.
     """
 
     model: Model
     target: str
     start_ns: int
-    end_ns: int | None
+    end_ns: float
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class AppliedForces:
 
     def forget(self, model: Model) -> None:
         """Remove the forces on a model that is deleted. Call this in the simulation thread."""
-        self._filter_forces(lambda force: force.model.main_model is not model)
+        self._set_forces([force for force in self._forces if force.model.main_model is not model])
 
     @service_handler(ApplyBodyWrench)
     def apply_body_wrench(self, simulation: Simulation, request: ApplyBodyWrench) -> Fields:
@@ -84,7 +84,6 @@ class AppliedForces:
         start_end = _read_interval(simulation, request)
         target = model.get_scoped_name(link)
         self._set_forces([*self._forces, _Wrench(model, target, *start_end, link, force, torque)])
-        return None
 
     @service_handler(ApplyJointEffort, "effort set")
     def apply_joint_effort(self, simulation: Simulation, request: ApplyJointEffort) -> Fields:
@@ -97,26 +96,20 @@ class AppliedForces:
             )
         start_end = _read_interval(simulation, request)
         self._set_forces([*self._forces, _Effort(model, joint, *start_end, request.effort)])
-        return None
 
     @service_handler(BodyRequest)
     def clear_body_wrenches(self, _simulation: Simulation, request: BodyRequest) -> Fields:
         """Remove all wrenches on a link."""
-        self._filter_forces(
-            lambda force: not isinstance(force, _Wrench) or force.target != request.body_name
-        )
-        return None
+        self._clear(_Wrench, request.body_name)
 
     @service_handler(JointRequest)
     def clear_joint_forces(self, _simulation: Simulation, request: JointRequest) -> Fields:
         """Remove all efforts on a joint."""
-        self._filter_forces(
-            lambda force: not isinstance(force, _Effort) or force.target != request.joint_name
-        )
-        return None
+        self._clear(_Effort, request.joint_name)
 
-    def _filter_forces(self, condition: Callable[[_TimedForce], bool]) -> None:
-        self._set_forces([force for force in self._forces if condition(force)])
+    def _clear(self, kind: type[_TimedForce], target: str) -> None:
+        kept = [f for f in self._forces if not isinstance(f, kind) or f.target != target]
+        self._set_forces(kept)
 
     def _set_forces(self, forces: list[_TimedForce]) -> None:
         self._forces = forces
@@ -124,19 +117,15 @@ class AppliedForces:
 
     def _apply_forces(self, time_ns: int) -> None:
         """Apply all forces that act during the step that ends at `time_ns` (simulated time, ns)."""
-        has_expired = False
+        self._set_forces([force for force in self._forces if time_ns <= force.end_ns])
         for force in self._forces:
-            if force.end_ns is not None and time_ns > force.end_ns:
-                has_expired = True
-            elif time_ns >= force.start_ns:
+            if time_ns >= force.start_ns:
                 force.apply()
-        if has_expired:
-            self._filter_forces(lambda force: force.end_ns is None or time_ns <= force.end_ns)
 
 
 def _read_interval(
     simulation: Simulation, request: ApplyBodyWrench | ApplyJointEffort
-) -> tuple[int, int | None]:
+) -> tuple[int, float]:
     start_ns = max(from_time(request.start_time), simulation.time_ns)
     length = from_time(request.duration)
-    return start_ns, None if length < 0 else start_ns + length
+    return start_ns, inf if length < 0 else start_ns + length

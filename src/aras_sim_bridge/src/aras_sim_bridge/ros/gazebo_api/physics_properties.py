@@ -23,18 +23,7 @@ from aras_sim_bridge.simulation import Simulation
 from aras_visual_servo_ros.parameters import Value
 from aras_visual_servo_ros.reconfigure import ReconfigureServer
 
-ODE_FIELDS = (
-    "auto_disable_bodies",
-    "sor_pgs_precon_iters",
-    "sor_pgs_iters",
-    "sor_pgs_w",
-    "sor_pgs_rms_error_tol",
-    "contact_surface_layer",
-    "contact_max_correcting_vel",
-    "cfm",
-    "erp",
-    "max_contacts",
-)
+ODE_FIELDS = tuple(ODEPhysics.__slots__)  # the same names as in dynamic_reconfigure
 
 
 class PhysicsProperties:
@@ -88,7 +77,7 @@ class PhysicsProperties:
             "pause": self._thread.paused,
             "max_update_rate": self._rate,
             "gravity": Vector3(*simulation.world.gravity),
-            "ode_config": ODEPhysics(**{name: self._ode[name] for name in ODE_FIELDS}),
+            "ode_config": ODEPhysics(**self._ode),
         }
 
     @service_handler(SetPhysicsProperties, "physics engine updated", in_caller_thread=True)

@@ -71,7 +71,7 @@ class GazeboNode:
             self.lockstep = self.thread.lockstep = Lockstep(
                 parameters.lockstep_topics,
                 parameters.lockstep_timeout,
-                self.thread.wake,
+                self.thread.receiver.wake,
                 parameters.lockstep_period,
             )
         self.thread.start()

@@ -64,19 +64,18 @@ class Pacer:
     A factor of 0 means as fast as possible. The time at which a step is due is computed from the
     wall time since the last call of `restart`, so that rounding errors and late wake-ups do not
     accumulate.
+
+    Attributes:
+        factor: desired real-time factor; 0 means as fast as possible. Call `set_factor` to change
+            it.
     """
 
     def __init__(self, factor: float = 1.0, clock: Callable[[], float] = time.monotonic) -> None:
         """Create a pacer; `clock` returns the wall time, s."""
-        self._factor = factor
+        self.factor = factor
         self._clock = clock
         self._meter = RealTimeFactorMeter(clock)
         self.restart(0)
-
-    @property
-    def factor(self) -> float:
-        """Desired real-time factor; 0 means as fast as possible."""
-        return self._factor
 
     @property
     def real_time_factor(self) -> float:
@@ -85,7 +84,7 @@ class Pacer:
 
     def set_factor(self, factor: float, time_ns: int) -> None:
         """Change the desired factor from the simulated time `time_ns` on."""
-        self._factor = factor
+        self.factor = factor
         self.restart(time_ns)
 
     def restart(self, time_ns: int) -> None:
@@ -108,8 +107,8 @@ class Pacer:
                 due as soon as the time is reached; None if there is no exposure.
             group_ns: simulated time of a group of steps, ns.
         """
-        self._meter.update(time_ns, self._factor)
-        if self._factor <= 0.0:
+        self._meter.update(time_ns, self.factor)
+        if self.factor <= 0.0:
             return (time_ns // group_ns + 1) * group_ns
         target = self._compute_target()
         lag = target - time_ns
@@ -126,13 +125,13 @@ class Pacer:
 
         The arguments are those of `find_due_time`.
         """
-        if self._factor <= 0.0:
+        if self.factor <= 0.0:
             return 0.0
         next_ns = (time_ns // group_ns + 1) * group_ns
         if event_ns is not None and event_ns > time_ns:
             next_ns = min(next_ns, event_ns)
-        return (next_ns - self._compute_target()) / 1e9 / self._factor
+        return (next_ns - self._compute_target()) / 1e9 / self.factor
 
     def _compute_target(self) -> int:
         elapsed = self._clock() - self._wall
-        return self._start_ns + round(elapsed * 1e9 * self._factor)
+        return self._start_ns + round(elapsed * 1e9 * self.factor)

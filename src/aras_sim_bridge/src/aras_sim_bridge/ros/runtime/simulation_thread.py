@@ -49,7 +49,19 @@ class SimulationBusyError(SimError):
 
 
 class SimulationThread:
-    """Thread that runs a simulation; every public method may be called from any thread."""
+    """Thread that runs a simulation; every public method may be called from any thread.
+
+    Attributes:
+        simulation: simulation, which `start` builds; only jobs may use it.
+        pacer: pacer of simulated time.
+        receiver: receiver of commands and wake-ups; except for `wake`, only jobs may use it.
+        paused: whether simulated time is paused.
+        is_stopping: whether the thread has been requested to end.
+        before_step: function that is called before each step, with the simulated time (ns) at the
+            end of this step, or None. Only jobs may set it.
+        lockstep: object of lockstep mode, or None. No step is made while lockstep.is_closed, except
+            by `step`. It must be set before `start`.
+    """
 
     def __init__(
         self,
@@ -75,25 +87,21 @@ class SimulationThread:
             receiver: receiver of commands and wake-ups; tests replace it.
         """
         self._build = build
-        self._pacer = pacer
+        self.pacer = pacer
         self._after_step = after_step
         self._after_batch = after_batch
         self._on_fault = on_fault
-        self._paused = paused
+        self.paused = paused
         self._jobs: collections.deque[tuple[Callable[[], object], Future]] = collections.deque()
-        self._receiver = receiver or MessageReceiver()
+        self.receiver = receiver or MessageReceiver()
         self._stream_until_ns = 0
         self._is_flooded = False
         self._now_ns = 0
-        self._is_stopping = False
+        self.is_stopping = False
         self._ready: Future = Future()
         self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
-        self.simulation: Simulation | None = None  # the simulation is built by `start`
-        # Function that is called before each step, with the simulated time (ns) at the end of this
-        # step. Set it in the simulation thread only.
+        self.simulation: Simulation | None = None
         self.before_step: Callable[[int], None] | None = None
-        # Object of lockstep mode, or None. No step is made while lockstep.is_closed, except by
-        # step(). Set it before `start`.
         self.lockstep: Lockstep | None = None
 
     def start(self, timeout: float = 60.0) -> None:
@@ -106,42 +114,18 @@ class SimulationThread:
         self._ready.result(timeout)
 
     @property
-    def paused(self) -> bool:
-        """Whether simulated time is paused."""
-        return self._paused
-
-    @property
     def real_time_factor(self) -> float:
         """Simulated time divided by wall time in the last seconds; 0 while paused."""
-        return 0.0 if self._paused else self._pacer.real_time_factor
+        return 0.0 if self.paused else self.pacer.real_time_factor
 
     @property
     def is_time_stopped(self) -> bool:
         """Whether no steps are made, because time is paused or lockstep mode waits for messages."""
-        return self._paused or (self.lockstep is not None and self.lockstep.is_closed)
-
-    @property
-    def is_stopping(self) -> bool:
-        """Whether the thread has been requested to end."""
-        return self._is_stopping
-
-    def wake(self) -> None:
-        """Wake the thread so that it checks for work."""
-        self._receiver.wake()
-
-    @property
-    def receiver(self) -> MessageReceiver:
-        """Receiver of commands; only jobs may use it."""
-        return self._receiver
+        return self.paused or (self.lockstep is not None and self.lockstep.is_closed)
 
     def now_ns(self) -> int:
         """Return the simulated time, ns, after the last step or job, without waiting."""
         return self._now_ns
-
-    @property
-    def pacer(self) -> Pacer:
-        """Pacer of simulated time."""
-        return self._pacer
 
     def call(self, job: Callable[[], T], timeout: float = 10.0) -> T:
         """Run `job` between two steps; return its result or raise its exception.
@@ -153,9 +137,9 @@ class SimulationThread:
             return job()
         future: Future = Future()
         self._jobs.append((job, future))
-        self._receiver.wake()
+        self.receiver.wake()
         # A stopping thread runs no jobs, even if the thread is still alive.
-        if self._is_stopping:
+        if self.is_stopping:
             self._cancel_jobs()
         try:
             return future.result(timeout)
@@ -173,13 +157,13 @@ class SimulationThread:
         future: Future = Future()
         future.add_done_callback(_log_fault)
         self._jobs.append((job, future))
-        self._receiver.wake()
+        self.receiver.wake()
 
     def pause(self) -> None:
         """Pause simulated time; no step is in progress when this returns."""
 
         def job() -> None:
-            self._paused = True
+            self.paused = True
 
         self.call(job)
 
@@ -187,13 +171,13 @@ class SimulationThread:
         """Resume simulated time."""
 
         def job() -> None:
-            if self._paused:
-                self._paused = False
+            if self.paused:
+                self.paused = False
                 if self.lockstep is not None:
                     # Cancel a wait for messages that single steps have started, so that it does not
                     # stop simulated time now.
                     self.lockstep.end_round()
-                self._pacer.restart(self.simulation.time_ns)
+                self.pacer.restart(self.simulation.time_ns)
 
         self.call(job)
 
@@ -219,15 +203,15 @@ class SimulationThread:
 
     def stop(self, timeout: float = 5.0) -> None:
         """End the thread and close the simulation; pending jobs raise SimulationBusyError."""
-        self._is_stopping = True
-        self._receiver.wake()
+        self.is_stopping = True
+        self.receiver.wake()
         if self._thread.is_alive() and threading.current_thread() is not self._thread:
             self._thread.join(timeout)
         self._cancel_jobs()
 
     def _advance(self, count: int) -> None:
         for _ in range(count):
-            if self._is_stopping:
+            if self.is_stopping:
                 raise SimulationBusyError(SHUTTING_DOWN)
             self._step(0)
         self._after_batch(self.simulation.time_ns)
@@ -247,7 +231,7 @@ class SimulationThread:
         backlog: number of commands of each connection that may wait for later steps.
         """
         time_ns = self.simulation.time_ns
-        if not self._receiver.deliver(time_ns, backlog):
+        if not self.receiver.deliver(time_ns, backlog):
             return False
         self._stream_until_ns = time_ns + STREAM_NS
         return True
@@ -259,31 +243,31 @@ class SimulationThread:
             self._ready.set_exception(error)
             return
         self._now_ns = self.simulation.time_ns
-        self._pacer.restart(self._now_ns)
+        self.pacer.restart(self._now_ns)
         self._ready.set_result(None)
         try:
             self._loop()
         except BaseException as error:
             self._on_fault(error)
         finally:
-            self._is_stopping = True
+            self.is_stopping = True
             self._cancel_jobs()
-            self._receiver.close()
+            self.receiver.close()
             self.simulation.close()
 
     def _loop(self) -> None:
         receiver, jobs, pacer, simulation, gate = (
-            self._receiver, self._jobs, self._pacer, self.simulation, self.lockstep
+            self.receiver, self._jobs, self.pacer, self.simulation, self.lockstep
         )  # fmt: skip
         while True:
             receiver.clear_wake()
             # Read the flag only after clear_wake: if a stop is requested after this line, its
             # wake-up is still pending.
-            if self._is_stopping:
+            if self.is_stopping:
                 return
             if jobs:
                 self._run_jobs()
-            if self._paused:
+            if self.paused:
                 has_command = self._deliver_commands(0)
                 if not jobs:
                     receiver.wait(PAUSED_PERIOD if has_command else None, commands=not has_command)
@@ -318,12 +302,12 @@ class SimulationThread:
             # Pause, for example after the physics diverged, so that a client can reset the
             # simulation.
             except SimError as error:
-                self._paused = True
+                self.paused = True
                 log.error("simulated time is paused: %s", error)
-            if jobs or self._paused:
+            if jobs or self.paused:
                 break
         made = max((simulation.time_ns - start_ns) // simulation.step_ns, 1)
-        self._is_flooded = self._receiver.take_skipped_count() >= FLOOD * made
+        self._is_flooded = self.receiver.take_skipped_count() >= FLOOD * made
         self._after_batch(simulation.time_ns)
 
     def _compute_backlog(self, end_ns: int) -> int:
@@ -333,7 +317,7 @@ class SimulationThread:
         command per step then loses none, even if two commands arrive between two steps. In the mode
         `max`, no command waits. In lockstep mode, the number is LOCKSTEP_BACKLOG.
         """
-        if self._pacer.factor > 0.0:
+        if self.pacer.factor > 0.0:
             return -((self.simulation.time_ns - end_ns) // self.simulation.step_ns)
         return 0 if self.lockstep is None else LOCKSTEP_BACKLOG
 
@@ -356,25 +340,19 @@ class SimulationThread:
         """Run pending jobs until JOBS_BUDGET is over, but at least one job."""
         jobs = self._jobs
         start = time.monotonic()
-        while jobs and not self._is_stopping:
-            self._run_job(*jobs.popleft())
+        while jobs and not self.is_stopping:
+            job, future = jobs.popleft()
+            if future.set_running_or_notify_cancel():
+                try:
+                    future.set_result(job())
+                except BaseException as error:
+                    future.set_exception(error)
             self._now_ns = self.simulation.time_ns
             now = time.monotonic()
             if now - start > STALL:
-                self._pacer.restart(self.simulation.time_ns)
+                self.pacer.restart(self.simulation.time_ns)
             if now - start > JOBS_BUDGET:
                 return
-
-    @staticmethod
-    def _run_job(job: Callable[[], object], future: Future) -> None:
-        if not future.set_running_or_notify_cancel():
-            return
-        try:
-            result = job()
-        except BaseException as error:
-            future.set_exception(error)
-        else:
-            future.set_result(result)
 
     def _cancel_jobs(self) -> None:
         while True:

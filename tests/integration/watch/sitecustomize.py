@@ -24,7 +24,8 @@ def watch(owner: threading.Thread) -> None:
     from aras_sim_bridge.control.loop import ControlLoop
     from aras_sim_bridge.control.manager import ControllerManager
     from aras_sim_bridge.control.pid import Pid
-    from aras_sim_bridge.simulation import ControlledModel, Simulation
+    from aras_sim_bridge.controlled_model import ControlledModel
+    from aras_sim_bridge.simulation import Simulation
     from aras_sim_bridge.world import Model, World
 
     told = set()

@@ -11,8 +11,9 @@ from scenes import BRIGHT, looking
 
 from aras_sim_bridge.description import Geometry, Light, parse_urdf, world_file
 from aras_sim_bridge.errors import DescriptionError, WorldError
+from aras_sim_bridge.lighting import MOST_LIGHTS
 from aras_sim_bridge.rendering import Lighting, View, create_renderer
-from aras_sim_bridge.simulation import MOST_LIGHTS, Simulation, SimulationConfig
+from aras_sim_bridge.simulation import Simulation, SimulationConfig
 
 K = np.array([[300.0, 0, 159.5], [0, 310.0, 119.5], [0, 0, 1.0]])
 DOWN = (0.0, 0.0, -1.0)

@@ -47,7 +47,7 @@ FLOORS = {
         {"description"},
         {"control", "world"},
         {"rendering", "control_cycle"},
-        {"camera", "sensors"},
+        {"camera", "controlled_model", "lighting", "sensors"},
         {"simulation"},
         {"ros"},
     ),

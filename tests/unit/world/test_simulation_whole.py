@@ -14,8 +14,9 @@ from aras_sim_bridge.errors import (
     UnknownModelError,
     WorldError,
 )
+from aras_sim_bridge.lighting import NO_LIGHT
 from aras_sim_bridge.rendering import Lighting
-from aras_sim_bridge.simulation import NO_LIGHT, Simulation, SimulationConfig
+from aras_sim_bridge.simulation import Simulation, SimulationConfig
 
 EYE = {"parent": "world", "width": 8, "height": 6, "update_rate": 50.0, "pose": [0.0] * 6}
 AMBIENT = (0.1, 0.2, 0.2, 0.9)

@@ -6,53 +6,44 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
-from functools import partial
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from aras_sim_bridge import control_cycle
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.camera.config import derive_seed
 from aras_sim_bridge.camera.mounting import (
     MountedCamera,
+    check_names,
     configure_robot_camera,
     configure_world_camera,
-    find_simultaneous,
 )
 from aras_sim_bridge.camera.sensor import NEVER
-from aras_sim_bridge.control.hardware import RobotHardware
-from aras_sim_bridge.control.loop import ControlLoop
-from aras_sim_bridge.control.manager import ControllerManager
-from aras_sim_bridge.control.stability import report_stability
-from aras_sim_bridge.control.switching import STRICT
+from aras_sim_bridge.controlled_model import (
+    CompiledController,
+    ControlledModel,
+    check_control_plugin,
+)
 from aras_sim_bridge.description import CameraDescription, Light, RobotDescription
 from aras_sim_bridge.description.lights import check_light
-from aras_sim_bridge.description.types import SUN, SceneSettings, is_present
+from aras_sim_bridge.description.types import SUN, SceneSettings
 from aras_sim_bridge.errors import (
     CameraError,
-    DescriptionError,
     RenderingError,
     SimError,
     WorldError,
 )
+from aras_sim_bridge.lighting import MOST_LIGHTS, make_lighting
 from aras_sim_bridge.rendering import EXPOSURES, Lighting, create_renderer
 from aras_sim_bridge.sensors import KINDS, PeriodicSensor
 from aras_sim_bridge.world import Model, Pose, World
 from aras_visual_servo_base.poses import IDENTITY
 
 if TYPE_CHECKING:
-    from aras_sim_bridge.control.controllers.joint_state import JointStateController
     from aras_sim_bridge.rendering.renderer import Renderer
     from aras_sim_bridge.world import GraspFix
 
-MOST_LIGHTS = 16  # largest number of lights that illuminate camera images
-DARK = (0.0, 0.0, 0.0, 1.0)
-NO_LIGHT = Light("none", diffuse=DARK)
 log = logging.getLogger(__name__)
-CycleFunction = Callable[..., tuple[int, int, int]]
 
 
 @dataclass(frozen=True)
@@ -83,67 +74,6 @@ class SimulationConfig:
     lights: tuple[Light, ...] = (SUN,)
     scene: SceneSettings = SceneSettings()
     exposure: str = EXPOSURES[0]
-
-
-@dataclass(frozen=True, eq=False)
-class ControlledModel:
-    """A model with a gazebo_ros_control plugin: its hardware interface and its controllers."""
-
-    name: str
-    namespace: str
-    model: Model
-    hardware: RobotHardware
-    manager: ControllerManager
-    loop: ControlLoop
-
-    def start(self, controllers: Iterable[str]) -> None:
-        """Load these controllers and start them with the next step.
-
-        Raises:
-            ControllerError: a controller cannot be loaded; the controllers before it in the list
-                stay loaded.
-        """
-        names = list(controllers)
-        for name in names:
-            self.manager.load(name)
-        self.manager.switch(names, [], STRICT)
-
-    def command(self, controller: str, value: object) -> None:
-        """Set the command of a controller, in the controller's units, for the next step.
-
-        Raises:
-            ControllerError: the controller does not exist or rejects the value.
-        """
-        self.manager.get(controller).set_command(value)
-
-    def report_stability(self, step: float) -> str:
-        """Return a one-line warning if the running PIDs are unstable with a step of `step` s.
-
-        The text is empty if all are stable; see control/stability.py.
-        """
-        text = report_stability(self.hardware, self.manager.running, self.model.joint_names,
-                       self.model.joints.inverse_inertia, step)
-        return f"model '{self.name}': {text}" if text else ""
-
-
-class CompiledController(Protocol):
-    """Controller that can run together with the physics in one compiled function.
-
-    This function makes many control cycles, each with one physics step, without calling Python.
-    """
-
-    def start_cycles(self, time_ns: int, until_ns: int) -> JointStateController | None:
-        """Prepare the control cycles from `time_ns` to `until_ns` (simulated time, ns).
-
-        Return the joint state controller from which this controller takes joint states in these
-        cycles, or None if it takes none.
-        """
-
-    def run_cycles(self, *arguments: object) -> tuple[int, int, int]:
-        """Run compiled control cycles.
-
-        Arguments and results are those of control_cycle.run_cycles.
-        """
 
 
 class Simulation:
@@ -190,6 +120,7 @@ class Simulation:
         self.sensors: list[PeriodicSensor] = []
         self.grasps: list[GraspFix] = []
         self.before_images: Callable[[int], None] | None = None
+        self._camera_defaults = {"legacy_camera_info": self.config.legacy_camera_info}
         self._renderer: Renderer | None = None
         self.lights: dict[str, Light] = {}
         for light in self.config.lights:
@@ -223,22 +154,17 @@ class Simulation:
         Raises:
             SimError: the model cannot be added; the world is unchanged.
         """
-        if len(description.control_plugins) > 1:
-            raise DescriptionError(
-                f"model '{name}' has {len(description.control_plugins)} gazebo_ros_control plugins;"
-                " keep one"
-            )
         namespace = namespace.rstrip("/")
-        if description.control_plugins:
-            self._check_namespace(namespace, name)
+        check_control_plugin(description, name, namespace, self.robots.values())
         model = self.world.spawn(description, name, pose, joint_positions)
-        try:
-            robot = self._make_robot(model, namespace, parameters or {})
-        except SimError:
-            self.world.delete(name)
-            raise
-        if robot is not None:
-            self.robots[name] = robot
+        if description.control_plugins:
+            try:
+                self.robots[name] = ControlledModel.create(
+                    model, namespace, parameters or {}, self.world
+                )
+            except SimError:
+                self.world.delete(name)
+                raise
         for body in model.bodies:
             for camera in body.description.cameras:
                 self._mount(body, camera, cameras or {})
@@ -310,39 +236,10 @@ class Simulation:
     @property
     def lighting(self) -> Lighting:
         """Light in camera images at the present simulated time, from all lights and the scene."""
-        lights = tuple(self.lights.values())[:MOST_LIGHTS]
-        now = tuple(
-            light
-            if is_present(light.lit_intervals, self.time_ns / 1e9)
-            else replace(light, diffuse=DARK)
-            for light in lights
+        config = self.config
+        return make_lighting(
+            self.lights.values(), config.scene, config.exposure, self.time_ns / 1e9
         )
-        light = self._combine_lights(lights)
-        return (
-            light
-            if now == lights
-            else replace(self._combine_lights(now), reference_white_level=light.white_level)
-        )
-
-    def _combine_lights(self, lights: tuple[Light, ...]) -> Lighting:
-        """Return the light in camera images that consists of these lights and the ambient light.
-
-        If possible, the result describes a single white sun by its fields `direction` and
-        `diffuse`. Otherwise it lists all lights in its field `lights`.
-        """
-        scene = self.config.scene
-        ambient = max(scene.ambient[:3])
-        tint = tuple(part / (ambient or 1.0) for part in scene.ambient[:3])
-        around = Lighting(diffuse=0.0, ambient=ambient, tint=tint, background=scene.background,
-                     sky=scene.sky, exposure=self.config.exposure, shadows=scene.shadows)
-        shadows = scene.shadows != "none" and any(light.cast_shadows for light in lights)
-        if len(set(tint)) == 1 and len(lights) <= 1 and not shadows:
-            if not lights:
-                return around
-            (light,) = lights
-            if light.kind == "directional" and len(set(light.diffuse[:3])) == 1:
-                return replace(around, direction=light.direction, diffuse=light.diffuse[0])
-        return replace(around, lights=lights or (NO_LIGHT,))
 
     def step(
         self, until_ns: int = 0, compiled_controller: CompiledController | None = None
@@ -361,17 +258,23 @@ class Simulation:
         sensors = [sensor for sensor in self.sensors if sensor.enabled]
         for listener in (*cameras, *sensors, *self.grasps):
             until_ns = min(until_ns, listener.idle_until_ns)
-        cycle_inputs = self._start_cycles(time_ns, max(until_ns, time_ns), compiled_controller)
-        if cycle_inputs is None:
+        cycles = None
+        if len(self.robots) == 1:
+            (robot,) = self.robots.values()
+            cycles = robot.start_cycles(
+                self.world, time_ns, max(until_ns, time_ns), self.step_ns, compiled_controller
+            )
+        if cycles is None:
             for robot in self.robots.values():
                 robot.loop.step(time_ns)
         for listener in (*cameras, *sensors):
             listener.before_step(start_ns, time_ns)
-        if cycle_inputs is None:
+        if cycles is None:
             self.world.step()
             self.time_ns = time_ns
         else:
-            self._run_cycles(max(until_ns, time_ns), *cycle_inputs)
+            self.time_ns = cycles.run(start_ns)
+            cycles.finish(self.time_ns)
         for sensor in sensors:
             sensor.after_step(self.time_ns)
         for sensor in sensors:
@@ -385,77 +288,6 @@ class Simulation:
             self._renderer.light = self.lighting
         for camera in due:
             camera.after_step(self.time_ns)
-
-    def _start_cycles(
-        self, time_ns: int, until_ns: int, compiled_controller: CompiledController | None
-    ) -> tuple[ControlledModel, CycleFunction, tuple, np.ndarray, float] | None:
-        """Prepare to make several steps in one compiled function.
-
-        Args:
-            time_ns: simulated time at the end of the first of these steps, ns.
-            until_ns: simulated time up to which steps may be made, ns.
-            compiled_controller: controller that runs in the compiled function, or None.
-
-        Returns:
-            The arguments of `_run_cycles` after `until_ns`. None if the first step needs Python
-            code: there is not exactly one robot, a contact is possible, or a controller or listener
-            is written in Python.
-        """
-        if len(self.robots) != 1:
-            return None
-        (robot,) = self.robots.values()
-        physics = self.world.get_compiled_step(robot.model)
-        if physics is None:
-            return None
-        sampler = (
-            None
-            if compiled_controller is None
-            else compiled_controller.start_cycles(time_ns, until_ns)
-        )
-        loop_inputs = robot.loop.start_cycles(time_ns, self.step_ns, sampler)
-        run_cycles = control_cycle.run_cycles if sampler is None else compiled_controller.run_cycles
-        return None if loop_inputs is None else (robot, run_cycles, physics, *loop_inputs)
-
-    def _run_cycles(
-        self,
-        until_ns: int,
-        robot: ControlledModel,
-        run_cycles: CycleFunction,
-        physics: tuple,
-        loops: np.ndarray,
-        idle_ns: float,
-    ) -> None:
-        """Make steps in a compiled function up to `until_ns` or `idle_ns`, whichever is earlier.
-
-        Args:
-            until_ns: simulated time, ns.
-            robot: the only robot.
-            run_cycles: compiled function.
-            physics: result of World.get_compiled_step.
-            loops: array of the joint loops, see ControlLoop.start_cycles.
-            idle_ns: simulated time before which no controller needs Python, ns.
-
-        Raises:
-            WorldError: a joint diverges.
-        """
-        start_ns, step_ns, hardware = self.time_ns, self.step_ns, robot.hardware
-        count = min(
-            int(min(until_ns, idle_ns) - start_ns) // step_ns,
-            self.world.contact_forecast.steps_until_update,
-        )
-        made, end, diverged = run_cycles(
-            count, start_ns, step_ns, loops, hardware.handle_rows, hardware.drive_rows, *physics
-        )
-        robot.loop.end_cycles(start_ns + (made + (end == control_cycle.NOT_FINITE)) * step_ns)
-        self.time_ns = start_ns + (made - (end == control_cycle.DIVERGED)) * step_ns
-        if end != control_cycle.ALL_MADE:
-            hardware.log_warnings()
-        self.world.finish_compiled_steps(
-            robot.model, made, diverged, end != control_cycle.BASE_UNSUPPORTED
-        )
-        if end == control_cycle.NOT_FINITE:
-            hardware.apply(self.time_ns)
-            robot.model.check_efforts()
 
     def next_image_ns(self) -> int | None:
         """Return the simulated time, ns, at which a camera has to act next; None if none has to.
@@ -517,36 +349,6 @@ class Simulation:
             self._renderer = None
         self.world.close()
 
-    def _check_namespace(self, namespace: str, name: str) -> None:
-        """Raise WorldError if another robot already has a controller manager in `namespace`."""
-        for robot in self.robots.values():
-            if robot.namespace == namespace and robot.name != name:
-                raise WorldError(
-                    f"model '{name}' cannot use the robot namespace {namespace or '/'}, because "
-                    f"model '{robot.name}' uses it; change <robotNamespace> in the "
-                    f"gazebo_ros_control plugin of '{name}' (if the plugin has none, change "
-                    "robot_namespace in the spawn request)"
-                )
-
-    def _make_robot(
-        self, model: Model, namespace: str, parameters: Mapping[str, object]
-    ) -> ControlledModel | None:
-        for plugin in model.description.control_plugins:
-            hardware = RobotHardware(model.description, model, parameters, namespace)
-            manager = ControllerManager(hardware, parameters, namespace)
-            period = plugin.control_period
-            period_ns = None if period is None else round(period * 1e9)
-            loop = ControlLoop(hardware, manager, self.step_ns, period_ns)
-            robot = ControlledModel(model.name, namespace, model, hardware, manager, loop)
-            manager.on_started = partial(self._warn_if_unstable, robot)
-            return robot
-        return None
-
-    def _warn_if_unstable(self, robot: ControlledModel) -> None:
-        """Log a warning if PIDs of the started controllers are unstable with the time step."""
-        if text := robot.report_stability(self.world.time_step):
-            log.warning("%s", text)
-
     def camera(self, name: str) -> MountedCamera:
         """Return the camera with the topic namespace `name`, for example '/labrob/camera'.
 
@@ -566,7 +368,7 @@ class Simulation:
             CameraError: the settings are invalid or a name is already in use.
         """
         config, pose = configure_world_camera(
-            name, settings, self._get_camera_defaults(), self.config.seed
+            name, settings, self._camera_defaults, self.config.seed
         )
         mounted = MountedCamera(self._make_camera_sensor(config), None, "world", pose)
         self.cameras.append(mounted)
@@ -578,7 +380,7 @@ class Simulation:
         """Mount one camera of a description; log an error if its settings are invalid."""
         try:
             config = configure_robot_camera(
-                camera, settings, self._get_camera_defaults(), self.config.seed
+                camera, settings, self._camera_defaults, self.config.seed
             )
             mounted = MountedCamera(self._make_camera_sensor(config), model, camera.link)
         except (CameraError, RenderingError) as error:
@@ -586,32 +388,12 @@ class Simulation:
                       model.name, camera.name, error)
             return
         self.cameras.append(mounted)
-        first = find_simultaneous(mounted, self.cameras)[0].sensor
-        if mounted.sensor.rate != first.rate:
-            log.warning(
-                "camera '%s' has the same shutter as camera '%s', so it exposes at that camera's "
-                "%g Hz instead of %g Hz; set the same update_rate for both",
-                camera.name, first.config.name, first.rate, mounted.sensor.rate,
-            )
-            mounted.sensor.set_rate(first.rate, self.time_ns, self.step_ns)
-
-    def _get_camera_defaults(self) -> dict[str, object]:
-        return {"legacy_camera_info": self.config.legacy_camera_info}
+        mounted.adopt_rate(self.cameras, self.time_ns, self.step_ns)
 
     def _make_camera_sensor(self, config: CameraConfig) -> CameraSensor:
-        for camera in self.cameras:
-            taken = config.names & camera.sensor.config.names
-            if taken:
-                owner = f" of model '{camera.model.name}'" if camera.model is not None else ""
-                raise CameraError(
-                    f"camera '{config.name}' cannot use the ROS name {min(taken)}, because camera "
-                    f"'{camera.sensor.config.name}'{owner} uses it; change cameraName or "
-                    "robotNamespace of one camera"
-                )
+        check_names(config, self.cameras)
         if self._renderer is None:
-            self._renderer = create_renderer(
-                self.config.renderer, self.world, self.lighting
-            )
+            self._renderer = create_renderer(self.config.renderer, self.world, self.lighting)
         sensor = CameraSensor(config, self._renderer)
         sensor.check_time_step(self.step_ns)
         sensor.reset(self.time_ns)

@@ -105,6 +105,17 @@ class MountedCamera:
         if self._enabled:
             self.sensor.trigger(time_ns, step_ns)
 
+    def adopt_rate(self, cameras: Iterable[MountedCamera], time_ns: int, step_ns: int) -> None:
+        """Adopt the rate of the first of `cameras` with the same shutter; warn if it differs."""
+        first = find_simultaneous(self, cameras)[0].sensor
+        if self.sensor.rate != first.rate:
+            log.warning(
+                "camera '%s' has the same shutter as camera '%s', so it exposes at that camera's "
+                "%g Hz instead of %g Hz; set the same update_rate for both",
+                self.sensor.config.name, first.config.name, first.rate, self.sensor.rate,
+            )
+            self.sensor.set_rate(first.rate, time_ns, step_ns)
+
     def _refresh(self, time_ns: int) -> None:
         if self._is_new:
             self._is_new = False
@@ -149,6 +160,19 @@ class MountedCamera:
         if self.model is None:
             return self._fixed
         return self.model.link_pose(self.link).matrix()
+
+
+def check_names(config: CameraConfig, cameras: Iterable[MountedCamera]) -> None:
+    """Raise CameraError if a camera already uses one of the ROS names of a new camera."""
+    for camera in cameras:
+        taken = config.names & camera.sensor.config.names
+        if taken:
+            owner = f" of model '{camera.model.name}'" if camera.model is not None else ""
+            raise CameraError(
+                f"camera '{config.name}' cannot use the ROS name {min(taken)}, because camera "
+                f"'{camera.sensor.config.name}'{owner} uses it; change cameraName or "
+                "robotNamespace of one camera"
+            )
 
 
 def find_simultaneous(

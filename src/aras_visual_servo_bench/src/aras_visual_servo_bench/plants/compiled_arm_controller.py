@@ -25,7 +25,7 @@ from aras_visual_servo_controller.runner.compiled_updates import (
 
 if TYPE_CHECKING:
     from aras_sim_bridge.control.controllers.joint_state import JointStateController
-    from aras_sim_bridge.simulation import ControlledModel
+    from aras_sim_bridge.controlled_model import ControlledModel
     from aras_visual_servo_controller.runner.loop_runner import LoopRunner
 
     from .base import JointListener
@@ -108,7 +108,7 @@ def run_cycles_with_loop(
 class CompiledArmController:
     """Control loop of an arm that runs inside the compiled control cycles of the simulation.
 
-    This class implements the interface `simulation.CompiledController`.
+    This class implements the interface `controlled_model.CompiledController`.
     """
 
     def __init__(

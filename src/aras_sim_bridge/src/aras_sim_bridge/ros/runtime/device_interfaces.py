@@ -5,18 +5,18 @@ from __future__ import annotations
 import logging
 import threading
 import traceback
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 
 import rospy
 
 from aras_sim_bridge.camera.mounting import MountedCamera
+from aras_sim_bridge.controlled_model import ControlledModel
 from aras_sim_bridge.ros.camera.topics import CameraTopics
 from aras_sim_bridge.ros.control.manager_services import ManagerServices
 from aras_sim_bridge.ros.runtime.restart_record import RestartRecord
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.ros.sensors import SensorTopic
 from aras_sim_bridge.sensors import PeriodicSensor
-from aras_sim_bridge.simulation import ControlledModel
 
 log = logging.getLogger(__name__)
 
@@ -64,33 +64,27 @@ class DeviceInterfaces:
 
         with self._lock:
             entities = self._thread.call(list_entities, SYNC_TIMEOUT)
-            self._close_others(entities)
+            for entity in self._interfaces.keys() - set(entities):
+                interface = self._interfaces.pop(entity)
+                if interface is not None:
+                    interface.shutdown()
             for entity in entities:
                 if entity not in self._interfaces:
                     self._interfaces[entity] = self._open(entity)
-
-    def _close_others(self, entities: Iterable[Entity]) -> None:
-        for entity in self._interfaces.keys() - set(entities):
-            interface = self._interfaces.pop(entity)
-            if interface is not None:
-                interface.shutdown()
 
     def _open(self, entity: Entity) -> EntityInterface | None:
         """Open the interface of a robot, camera or sensor; return None and log if this fails."""
         try:
             if isinstance(entity, ControlledModel):
+                what = f"robot '{entity.name}'"
                 return ManagerServices(entity, self._thread, self.restart_record)
             if isinstance(entity, PeriodicSensor):
+                what = f"sensor '{entity.description.topic}'"
                 return SensorTopic(entity, self._thread)
+            what = f"camera '{entity.sensor.config.name}'"
             return CameraTopics(entity, self._thread, self._before_frame)
         # A failure must not affect the interfaces of other entities, so catch every exception.
         except Exception as error:
-            if isinstance(entity, ControlledModel):
-                what = f"robot '{entity.name}'"
-            elif isinstance(entity, PeriodicSensor):
-                what = f"sensor '{entity.description.topic}'"
-            else:
-                what = f"camera '{entity.sensor.config.name}'"
             rospy.logerr(
                 "%s is simulated, but has no topics and services: %s; delete its model and spawn "
                 "it with other names", what, error,

@@ -46,7 +46,7 @@ class TestPosition:
         rig = make("effort_controllers/JointPositionController", joint="a", pid=PID)
         rig.model.q[0] = 2.5
         controller = rig.run("c")
-        assert controller.make_state(0, 0.001).set_point == 2.0
+        assert controller.loops[0].make_state(0, 0.001).set_point == 2.0
 
     def test_a_command_beyond_the_limit_by_rounding_alone_is_not_told(self, make):
         rig = make("effort_controllers/JointPositionController", joint="a", pid=PID)
@@ -54,7 +54,7 @@ class TestPosition:
         for command, told in ((2.0 + 6.8e-8, 0), (2.0 + 1e-5, 1)):
             controller.set_command(command)
             rig.step(2)
-            assert controller.make_state(0, 0.001).set_point == 2.0
+            assert controller.loops[0].make_state(0, 0.001).set_point == 2.0
             assert sum("beyond" in line for line in rig.log) == told
 
     def test_command_beyond_the_limit_is_clamped_in_the_cycle_only_and_told_once(self, make):
@@ -105,7 +105,7 @@ class TestPosition:
         controller = rig.run("c")
         controller.set_command(1.0)
         rig.step()
-        assert controller.make_state(0, 0.001).command == 1000.0
+        assert controller.loops[0].make_state(0, 0.001).command == 1000.0
         assert rig.model.tau[0] == 100.0
 
     def test_state_comes_every_tenth_update_with_the_fields_upstream_fills(self, make):

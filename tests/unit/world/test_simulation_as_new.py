@@ -116,7 +116,8 @@ def test_a_command_that_waited_while_all_was_reset_does_not_count(reset):
     robot.command((0.1,) * 6)
     getattr(robot.simulation, reset)()
     robot.steps(1)
-    states = [robot.manager.get(name).make_state(0, 0.001) for name in CONTROLLERS.values()]
+    controllers = [robot.manager.get(name) for name in CONTROLLERS.values()]
+    states = [controller.loops[0].make_state(0, 0.001) for controller in controllers]
     assert [state.set_point for state in states] == [0.0] * 6
     robot.close()
 

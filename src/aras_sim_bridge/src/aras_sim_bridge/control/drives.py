@@ -13,13 +13,12 @@ import numpy as np
 
 from aras_sim_bridge.angles import angular_distance_within_limits, shortest_angular_distance
 from aras_sim_bridge.control.joints import (
+    COMMAND_COLUMNS,
     COMMAND_ROUNDING,
     EFFORT,
-    OCCURRENCE_COLUMNS,
+    EVENT_COLUMNS,
     POSITION,
     Q_COMMAND,
-    TAU_COMMAND,
-    V_COMMAND,
     VELOCITY,
     JointBounds,
     JointHandle,
@@ -51,7 +50,6 @@ _KINDS = {
     POSITION: (SETS_POSITION, POSITION_BY_PID),
     VELOCITY: (TURNS_MOTOR, VELOCITY_BY_PID),
 }
-_COMMANDS = {EFFORT: TAU_COMMAND, POSITION: Q_COMMAND, VELOCITY: V_COMMAND}
 _QUANTITIES = {EFFORT: "effort", POSITION: "position", VELOCITY: "velocity"}
 # For each command interface, the time for which a command must exceed a limit before a warning is
 # logged, s. Efforts and velocities exceed their limits briefly in each step response.
@@ -80,13 +78,11 @@ _RULE = PID_COLUMNS
     OUTPUT,
 ) = range(_RULE + RULE_COLUMNS, _RULE + RULE_COLUMNS + 11)
 # Further columns, for the warnings of a Drive. _WARNINGS is 1 for a command that is not finite, 2
-# for one beyond a limit, and 3 for both. The next three columns are values for the messages;
-# _QUIET_NS and _PATIENCE_NS are the settings of the RateLimitedEvents.
-(_WARNINGS, _INVALID_COMMAND, _DESIRED, _APPLIED, _QUIET_NS, _PATIENCE_NS) = range(
-    OUTPUT + 1, OUTPUT + 7
-)
-_LIMIT_EVENT, _INVALID_EVENT = _PATIENCE_NS + 1, _PATIENCE_NS + 1 + OCCURRENCE_COLUMNS
-DRIVE_COLUMNS = _INVALID_EVENT + OCCURRENCE_COLUMNS
+# for one beyond a limit, and 3 for both. The next three columns are values for the messages. The
+# last columns belong to two RateLimitedEvents.
+(_WARNINGS, _INVALID_COMMAND, _DESIRED, _APPLIED, _LIMIT_EVENT) = range(OUTPUT + 1, OUTPUT + 6)
+_INVALID_EVENT = _LIMIT_EVENT + EVENT_COLUMNS
+DRIVE_COLUMNS = _INVALID_EVENT + EVENT_COLUMNS
 
 
 class SimulatedRobot(Protocol):
@@ -134,7 +130,7 @@ class Drive:
         if pid is not None:
             pid.bind(row[:PID_COLUMNS])
         limits = limits or JointBounds()
-        row[JOINT], row[_COMMAND], row[KIND] = joint, _COMMANDS[interface], self.kind
+        row[JOINT], row[_COMMAND], row[KIND] = joint, COMMAND_COLUMNS[interface], self.kind
         row[MAX_EFFORT] = inf if limits.max_effort is None else limits.max_effort
         row[_MAX_VELOCITY] = inf if limits.max_velocity is None else limits.max_velocity
         row[_LOWER], row[_UPPER] = -inf, inf
@@ -147,10 +143,6 @@ class Drive:
             _PATIENCE[interface], row=row[_LIMIT_EVENT:_INVALID_EVENT]
         )
         self._invalid_event = RateLimitedEvent(row=row[_INVALID_EVENT:])
-        row[_PATIENCE_NS], row[_QUIET_NS] = (
-            self._limit_event.patience_ns,
-            self._limit_event.quiet_ns,
-        )
 
     def start(self) -> None:
         """Reset the drive; the joint holds its position until it receives a command."""
@@ -212,7 +204,7 @@ def _limit_command(row, handle, time_ns, dt, stopped):
             handle[column] = row[_STOP_POSITION]
     desired = handle[column]
     if not isfinite(desired):
-        if record_event(row[_INVALID_EVENT:], time_ns, 0.0, row[_QUIET_NS]):
+        if record_event(row[_INVALID_EVENT:], time_ns):
             row[_WARNINGS], row[_INVALID_COMMAND] = row[_WARNINGS] + 1.0, desired
         desired = handle[column] = row[_LAST_VALID]
     rule = row[_RULE : _RULE + RULE_COLUMNS]
@@ -224,9 +216,7 @@ def _limit_command(row, handle, time_ns, dt, stopped):
             beyond = not row[_LOWER] <= desired <= row[_UPPER]
             given = row[_LOWER] if desired < row[_LOWER] else row[_UPPER]
         beyond = beyond and abs(desired - given) > COMMAND_ROUNDING
-        if beyond and record_event(
-            row[_LIMIT_EVENT:_INVALID_EVENT], time_ns, row[_PATIENCE_NS], row[_QUIET_NS]
-        ):
+        if beyond and record_event(row[_LIMIT_EVENT:_INVALID_EVENT], time_ns):
             row[_WARNINGS], row[_DESIRED], row[_APPLIED] = row[_WARNINGS] + 2.0, desired, given
     row[_LAST_VALID] = handle[column]
     return row[_LAST_VALID]

@@ -51,7 +51,7 @@ class RobotHardware:
             <namespace>/gazebo_ros_control/pid_gains/<joint>.
         drives: drives in the order of `handles`.
         handle_rows: (m, 6) states of the m handles, one row each.
-        drive_rows: (m, 47) states of the m drives, one row each.
+        drive_rows: (m, 49) states of the m drives, one row each.
         has_position_drives: whether a drive sets the position of its joint directly.
         e_stop: whether the emergency stop is active; may be set from any thread.
 
@@ -80,8 +80,11 @@ class RobotHardware:
         count = len(description.transmissions)
         self.handle_rows = np.zeros((count, HANDLE_COLUMNS))
         self.drive_rows = np.zeros((count, DRIVE_COLUMNS))
-        self._joints = {name: k for k, name in enumerate(model.joint_names)}
-        unprefixed = [j for t in description.transmissions for j in self._add(t)]
+        interfaces = [(t, _find_interface(t)) for t in description.transmissions]
+        for transmission, interface in interfaces:
+            if interface:
+                self._add(transmission, interface)
+        unprefixed = [t.joint for t, name in interfaces if name and not name.startswith(_PREFIX)]
         if unprefixed:
             log.warning(
                 f"transmissions of {', '.join(unprefixed)}: <hardwareInterface> without "
@@ -101,64 +104,37 @@ class RobotHardware:
         self.has_position_drives = any(drive.kind == SETS_POSITION for drive in self.drives)
         self.start()
 
-    def _add(self, transmission: Transmission) -> list[str]:
-        """Register a transmission.
-
-        Return a list with the joint's name if the interface is written without
-        'hardware_interface/', an old form about which the caller warns; otherwise return an empty
-        list.
-        """
-        label = f"transmission '{transmission.name}'"
-        joint_name, interface = transmission.joint, transmission.interface
-        commanded = [i for i in transmission.interfaces if i.removeprefix(_PREFIX) != STATE]
-        if interface.removeprefix(_PREFIX) == STATE:
-            if not commanded:
-                log.warning(f"{label} is skipped: {interface} takes no commands; add a command "
-                            "interface")
-                return []
-            interface = commanded[0]
-        if not (transmission.type and joint_name and interface and transmission.has_actuator):
-            log.warning(
-                f"{label} is skipped: it needs a <type>, a <joint> with a <hardwareInterface> "
-                f"and an <actuator>"
-            )
-            return []
-        if len(transmission.joints) > 1:
-            log.warning(f"{label} is skipped: only one joint per transmission is supported, but it "
-                        f"has {', '.join(transmission.joints)}; write one transmission for each")
-            return []
-        if len(commanded) > 1:
-            log.warning(f"{label}: only the first of the interfaces {', '.join(commanded)} is "
-                        "used; remove the others")
+    def _add(self, transmission: Transmission, interface: str) -> None:
+        """Register the joint of a transmission with its command interface."""
+        label, name = f"transmission '{transmission.name}'", transmission.joint
         short = interface.removeprefix(_PREFIX)
         if short not in COMMAND_INTERFACES:
             raise HardwareError(
-                f"{label}: unknown hardware interface '{interface}' for joint '{joint_name}'; "
+                f"{label}: unknown hardware interface '{interface}' for joint '{name}'; "
                 f"known are {', '.join(_PREFIX + n for n in COMMAND_INTERFACES)}"
             )
-        joint = self.description.joints.get(joint_name)
-        if joint is None or joint_name not in self.model.joint_names:
+        joint = self.description.joints.get(name)
+        if joint is None or name not in self.model.joint_names:
             raise HardwareError(
-                f"{label}: joint '{joint_name}' is not a movable joint of the simulated model; "
+                f"{label}: joint '{name}' is not a movable joint of the simulated model; "
                 f"the model has {', '.join(self.model.joint_names) or 'none'}; correct the name"
             )
-        if joint_name in self.handles:
+        if name in self.handles:
             raise HardwareError(
-                f"{label}: joint '{joint_name}' already has a transmission; remove one of the two"
+                f"{label}: joint '{name}' already has a transmission; remove one of the two"
             )
         row = self.handle_rows[len(self.handles)]
-        handle = JointHandle(joint_name, joint.kind, joint.limits, joint.soft_limits, short, row)
-        where = f"{self._namespace}/joint_limits/{joint_name}"
-        overrides = find_value(self._parameters, f"joint_limits/{joint_name}")
+        handle = JointHandle(name, joint.kind, joint.limits, joint.soft_limits, short, row)
+        overrides = find_value(self._parameters, f"joint_limits/{name}")
+        where = f"{self._namespace}/joint_limits/{name}"
         limits = resolve_limits(joint, overrides or {}, where)
-        self.handles[joint_name] = handle
-        self.limits[joint_name] = limits
-        self.interfaces[short].add(joint_name)
-        self.interfaces[STATE].add(joint_name)
-        pid = None if short == EFFORT else self._make_pid(joint_name)
-        self.drives.append(Drive(self.drive_rows[len(self.drives)], handle, limits,
-                                 self._joints[joint_name], pid))
-        return [] if interface.startswith(_PREFIX) else [joint_name]
+        self.handles[name] = handle
+        self.limits[name] = limits
+        self.interfaces[short].add(name)
+        self.interfaces[STATE].add(name)
+        pid = None if short == EFFORT else self._make_pid(name)
+        row, index = self.drive_rows[len(self.drives)], self.model.joint_names.index(name)
+        self.drives.append(Drive(row, handle, limits, index, pid))
 
     def _make_pid(self, joint: str) -> Pid | None:
         where = f"{self._namespace}/{_GAINS}/{joint}"
@@ -216,3 +192,30 @@ class RobotHardware:
         for drive in self.drives:
             if drive.handle.name in joints:
                 drive.start()
+
+
+def _find_interface(transmission: Transmission) -> str:
+    """Return the command interface of a transmission; '' if the transmission is skipped.
+
+    A warning is logged for a transmission that is skipped or has several command interfaces.
+    """
+    label, interface = f"transmission '{transmission.name}'", transmission.interface
+    commanded = [i for i in transmission.interfaces if i.removeprefix(_PREFIX) != STATE]
+    if interface.removeprefix(_PREFIX) == STATE:
+        if not commanded:
+            log.warning(f"{label} is skipped: {interface} takes no commands; add a command "
+                        "interface")
+            return ""
+        interface = commanded[0]
+    if not (transmission.type and transmission.joint and interface and transmission.has_actuator):
+        log.warning(f"{label} is skipped: it needs a <type>, a <joint> with a <hardwareInterface> "
+                    "and an <actuator>")
+        return ""
+    if len(transmission.joints) > 1:
+        log.warning(f"{label} is skipped: only one joint per transmission is supported, but it "
+                    f"has {', '.join(transmission.joints)}; write one transmission for each")
+        return ""
+    if len(commanded) > 1:
+        log.warning(f"{label}: only the first of the interfaces {', '.join(commanded)} is "
+                    "used; remove the others")
+    return interface

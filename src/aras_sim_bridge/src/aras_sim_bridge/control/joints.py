@@ -29,9 +29,12 @@ _NS_PER_S = 1_000_000_000
 # Columns of the array that stores a JointHandle: measured position, velocity and effort; commanded
 # position, velocity and effort.
 (Q, V, TAU, Q_COMMAND, V_COMMAND, TAU_COMMAND), HANDLE_COLUMNS = range(6), 6
+# For each command interface, the column that contains its command.
+COMMAND_COLUMNS = {EFFORT: TAU_COMMAND, POSITION: Q_COMMAND, VELOCITY: V_COMMAND}
 # Columns of the array that stores a RateLimitedEvent: times of the first and of the last occurrence
-# of the event, ns (NaN before the first one), and whether the event was reported.
-(_FIRST, _LAST, _REPORTED), OCCURRENCE_COLUMNS = range(3), 3
+# of the event, ns (NaN before the first one); whether the event was reported; and `patience` and
+# `quiet`, ns.
+(_FIRST, _LAST, _REPORTED, _PATIENCE, _QUIET), EVENT_COLUMNS = range(5), 5
 # A command that exceeds a limit by less than this, in the command's unit, is within the limit up to
 # rounding errors.
 COMMAND_ROUNDING = 1e-6
@@ -188,14 +191,13 @@ class RateLimitedEvent:
     simulated times.
     """
 
-    __slots__ = ("patience_ns", "quiet_ns", "row")
+    __slots__ = ("row",)
 
     def __init__(self, patience: float = 0.0, quiet: float = 1.0,
                  row: np.ndarray | None = None) -> None:
-        """Store the state in `row` (3,), a slice of a larger array; if None, in a new array."""
-        self.patience_ns = int(patience * _NS_PER_S)
-        self.quiet_ns = int(quiet * _NS_PER_S)
-        self.row = np.zeros(OCCURRENCE_COLUMNS) if row is None else row
+        """Store the state in `row` (5,), a slice of a larger array; if None, in a new array."""
+        self.row = np.zeros(EVENT_COLUMNS) if row is None else row
+        self.row[_PATIENCE], self.row[_QUIET] = patience * _NS_PER_S, quiet * _NS_PER_S
         self.reset()
 
     def reset(self) -> None:
@@ -204,16 +206,16 @@ class RateLimitedEvent:
 
     def record(self, time_ns: int) -> bool:
         """Record that the condition is true at `time_ns`; return True once for each event."""
-        return record_event(self.row, time_ns, self.patience_ns, self.quiet_ns)
+        return record_event(self.row, time_ns)
 
 
-@jit("f8[::1], f8, f8, f8", allocates=False)
-def record_event(row, time_ns, patience_ns, quiet_ns):
+@jit("f8[::1], f8", allocates=False)
+def record_event(row, time_ns):
     """Record in an event's row that the condition is true; return True once for each event."""
-    if not 0.0 <= time_ns - row[_LAST] <= quiet_ns:
+    if not 0.0 <= time_ns - row[_LAST] <= row[_QUIET]:
         row[_FIRST], row[_REPORTED] = time_ns, 0.0
     row[_LAST] = time_ns
-    if row[_REPORTED] != 0.0 or time_ns - row[_FIRST] < patience_ns:
+    if row[_REPORTED] != 0.0 or time_ns - row[_FIRST] < row[_PATIENCE]:
         return False
     row[_REPORTED] = 1.0
     return True

@@ -17,9 +17,9 @@ topics and actions the ROS layer creates. `C` stands for <robot namespace>/<cont
 
 An attribute that is None creates no connection. The paths in pids are 'pid', '<joint>/pid' (groups)
 or 'gains/<joint>' (trajectories, grippers). The types of commands, states and goals are defined in
-this module, in trajectory_types.py and in gripper.py. Actions call submit_goal and cancel_goal, and
-use the handles of goal_handle.py. update() calls on_state, if it is not None, with an object that
-the controller does not modify afterwards.
+this module, in trajectory_types.py and in gripper.py. Actions call submit_goal and cancel_goal, see
+action_controller.py. update() calls on_state, if it is not None, with an object that the controller
+does not modify afterwards.
 
 set_command checks a command and stores it; the next update() uses the last stored command.
 starting() and reset() discard it. set_command may be called from any thread, except for trajectory
@@ -188,6 +188,21 @@ class Controller:
         return (
             ClaimedResources(f"hardware_interface::{self.interface}", tuple(sorted(self.joints))),
         )
+
+    def read_pid(self, parameters: Mapping, path: str) -> Pid:
+        """Create a PID with the gains at `path`, such as 'gains/J1', and store it in `pids`.
+
+        `parameters` are those in the controller's namespace.
+
+        Raises:
+            ControllerError: a gain is missing or invalid.
+        """
+        where = self.context.where
+        for key in path.split("/"):
+            parameters = read(parameters, key, Mapping, where, ControllerError, {})
+            where = f"{where}/{key}"
+        pid = self.pids[path] = Pid.from_parameters(parameters, where)
+        return pid
 
     def take_handle(self, hardware: RobotHardware, joint: str) -> JointHandle:
         """Return the handle of a joint that the controller's `interface` offers.

@@ -11,7 +11,6 @@ from aras_sim_bridge.control.controllers.base import (
     STATE_EVERY,
     Controller,
     ControllerContext,
-    JointControllerState,
     check_number,
     read_joint_names,
 )
@@ -23,20 +22,10 @@ from aras_sim_bridge.control.controllers.joint_control_loop import (
 )
 from aras_sim_bridge.control.controllers.registry import register
 from aras_sim_bridge.control.hardware import RobotHardware
-from aras_sim_bridge.control.joints import (
-    EFFORT,
-    POSITION,
-    Q_COMMAND,
-    TAU_COMMAND,
-    V_COMMAND,
-    VELOCITY,
-)
+from aras_sim_bridge.control.joints import COMMAND_COLUMNS, EFFORT, POSITION, VELOCITY
 from aras_sim_bridge.control.pid import Pid
 from aras_sim_bridge.errors import ControllerError
 from aras_visual_servo_base.settings import read
-
-# For each command interface, the column of a JointHandle's row that contains the command.
-COMMAND_OF = {EFFORT: TAU_COMMAND, POSITION: Q_COMMAND, VELOCITY: V_COMMAND}
 
 
 class JointCommandController(Controller):
@@ -67,7 +56,7 @@ class JointCommandController(Controller):
         else:
             self.joints = (read(parameters, "joint", str, context.where, ControllerError),)
         handles = [self.take_handle(hardware, joint) for joint in self.joints]
-        known, target = list(hardware.handles), COMMAND_OF[self.interface]
+        known, target = list(hardware.handles), COMMAND_COLUMNS[self.interface]
         self._handles = hardware.handle_rows
         self.rows = np.zeros((len(handles), LOOP_COLUMNS))
         self.loops = [
@@ -152,11 +141,7 @@ class JointCommandController(Controller):
             pid.notify_listener(period)
         listener = self.on_state
         if listener is not None and is_state_due:
-            listener(self.make_state(time_ns, period))
-
-    def make_state(self, time_ns: int, period: float) -> JointControllerState:
-        """Return the state of the controller in this cycle."""
-        return self.loops[0].make_state(time_ns, period)
+            listener(self.loops[0].make_state(time_ns, period))
 
 
 @register("effort_controllers/JointEffortController", interface=EFFORT)

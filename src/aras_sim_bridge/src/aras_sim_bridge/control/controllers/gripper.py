@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from functools import partial
 from math import isfinite
 
-from aras_sim_bridge.control.controllers.base import ControllerContext
-from aras_sim_bridge.control.controllers.goal_handle import (
+from aras_sim_bridge.control.controllers.action_controller import (
     ABORTED,
     PREEMPTED,
     REJECTED,
@@ -14,10 +13,10 @@ from aras_sim_bridge.control.controllers.goal_handle import (
     ActionController,
     GoalHandle,
 )
+from aras_sim_bridge.control.controllers.base import ControllerContext
 from aras_sim_bridge.control.controllers.registry import register
 from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.control.joints import EFFORT, POSITION
-from aras_sim_bridge.control.pid import Pid
 from aras_sim_bridge.errors import ControllerError
 from aras_visual_servo_base.settings import read
 
@@ -85,16 +84,6 @@ class GripperActionController(ActionController):
         self._init_output(parameters)
         self._desired = GripperGoal(0.0)
 
-    def _init_output(self, parameters: Mapping) -> None:
-        """Read the parameters that `_command` needs."""
-
-    def _start_output(self) -> None:
-        """Write a command that holds the joint."""
-
-    def _command(self, period: float) -> float:
-        """Write the command and return its effort."""
-        raise NotImplementedError
-
     def starting(self, time_ns: int) -> None:
         """Hold the measured position."""
         super().starting(time_ns)
@@ -103,12 +92,7 @@ class GripperActionController(ActionController):
         self._last_motion_ns: int | None = None
         self._start_output()
         self._running = True
-        self._end_goal(PREEMPTED, GripperResult())
-
-    def stopping(self, time_ns: int) -> None:
-        """Cancel the active goal."""
-        self._running = False
-        self._end_goal(PREEMPTED, GripperResult())
+        self._preempt_goal("controller restarted")
 
     def reset(self) -> None:
         """Restart the stall timer, because the clock was reset."""
@@ -149,16 +133,11 @@ class GripperActionController(ActionController):
             handle.finish(REJECTED, GripperResult(text=text))
             return handle
         self._desired, self._last_motion_ns = goal, None
-        self._end_goal(PREEMPTED, GripperResult(), handle)
+        self._preempt_goal("preempted by a new goal", handle)
         return handle
 
-    def cancel_goal(self, handle: GoalHandle) -> bool:
-        """Hold the current position if `handle` is the active goal; return whether it was."""
-        if self._goal is not handle:
-            return False
-        self._hold_position()
-        self._end_goal(PREEMPTED, GripperResult())
-        return True
+    def _preempt_goal(self, reason: str, next_goal: GoalHandle | None = None) -> None:
+        self._end_goal(PREEMPTED, GripperResult(), next_goal)
 
     def _hold_position(self) -> None:
         self._desired = GripperGoal(self._handle.position, self._default_effort)
@@ -185,11 +164,7 @@ class EffortGripperController(GripperActionController):
     """
 
     def _init_output(self, parameters: Mapping) -> None:
-        joint, where = self._handle.name, self.context.where
-        gains = read(parameters, "gains", Mapping, where, ControllerError, {})
-        joint_gains = read(gains, joint, Mapping, f"{where}/gains", ControllerError, {})
-        self._pid = Pid.from_parameters(joint_gains, f"{where}/gains/{joint}")
-        self.pids = {f"gains/{joint}": self._pid}
+        self._pid = self.read_pid(parameters, f"gains/{self._handle.name}")
 
     def get_loop_gains(self) -> dict[str, tuple[float, float]]:
         return {self._handle.name: (self._pid.gains.p, self._pid.gains.d)}

@@ -10,8 +10,7 @@ from collections.abc import Mapping
 from functools import partial
 
 from aras_sim_bridge import angles
-from aras_sim_bridge.control.controllers.base import ControllerContext, read_joint_names
-from aras_sim_bridge.control.controllers.goal_handle import (
+from aras_sim_bridge.control.controllers.action_controller import (
     ABORTED,
     PREEMPTED,
     REJECTED,
@@ -19,6 +18,7 @@ from aras_sim_bridge.control.controllers.goal_handle import (
     ActionController,
     GoalHandle,
 )
+from aras_sim_bridge.control.controllers.base import ControllerContext, read_joint_names
 from aras_sim_bridge.control.controllers.splines import SplineSegment, Waypoint
 from aras_sim_bridge.control.controllers.trajectory_segments import (
     JointSegments,
@@ -96,7 +96,7 @@ class JointTrajectoryController(ActionController):
         self._tolerances = SegmentTolerances.from_parameters(
             given("constraints", Mapping, default={}), f"{where}/constraints", joints
         )
-        self._init_output(parameters, where)
+        self._init_output(parameters)
         self._segments: list[JointSegments] = []
         self._arrived_joints: set[int] = set()
         self._reset_measurements(0)
@@ -108,31 +108,17 @@ class JointTrajectoryController(ActionController):
             [[0.0] * len(self.joints) for _ in range(orders)] for orders in (3, 2, 2)
         )
 
-    def _init_output(self, parameters: Mapping, where: str) -> None:
-        """Read the parameters that `_command` needs."""
-
-    def _start_output(self) -> None:
-        """Write commands that hold the joints."""
-
-    def _command(self, period: float) -> None:
-        """Write the commands for the current desired state and errors."""
-
     def starting(self, time_ns: int) -> None:
         """Hold the measured position."""
         super().starting(time_ns)
         self._running = False
         self._reset_measurements(time_ns)
         self._state_timer.start(0)
-        self._hold_position(0)
+        self._hold_position()
         self._desired[0] = [handle.position for handle in self._handles]
         self._start_output()
         self._running = True
         self._preempt_goal("controller restarted")
-
-    def stopping(self, time_ns: int) -> None:
-        """Cancel the active goal."""
-        self._running = False
-        self._preempt_goal("controller stopped")
 
     def update(self, time_ns: int, period: float) -> None:
         """Sample the trajectory, check the tolerances and write the commands."""
@@ -239,14 +225,6 @@ class JointTrajectoryController(ActionController):
             self._preempt_goal("preempted by a new goal", handle)
         return handle
 
-    def cancel_goal(self, handle: GoalHandle) -> bool:
-        """Stop the joints if `handle` is the active goal; return whether it was active."""
-        if self._goal is not handle:
-            return False
-        self._hold_position(self._uptime_ns)
-        self._preempt_goal("cancelled")
-        return True
-
     def query_state(self, time_ns: int) -> StatePoint:
         """Return the desired state at a simulated time, in the controller's joint order.
 
@@ -277,9 +255,7 @@ class JointTrajectoryController(ActionController):
         """
         name = self.context.name
         if not self._running:
-            raise InvalidTrajectoryError(
-                ErrorCode.INVALID_GOAL, f"controller '{name}' is not running; start it first"
-            )
+            raise InvalidTrajectoryError(f"controller '{name}' is not running; start it first")
         tolerances = self._tolerances
         try:
             if goal is not None:
@@ -290,7 +266,7 @@ class JointTrajectoryController(ActionController):
                     trajectory.joint_names, self.joints, self._allows_partial_goals
                 )
             if not len(trajectory.points):
-                self._hold_position(self._uptime_ns, goal, tolerances)
+                self._hold_position(goal, tolerances)
                 return
             check_points(trajectory)
             next_ns = self._uptime_ns + self._period_ns
@@ -302,7 +278,7 @@ class JointTrajectoryController(ActionController):
                 tolerances,
             )
         except InvalidTrajectoryError as error:
-            raise InvalidTrajectoryError(error.code, f"controller '{name}': {error}") from None
+            raise InvalidTrajectoryError(f"controller '{name}': {error}", error.code) from None
         silent = dropped == 1 and not trajectory.stamp_ns
         if dropped and not (silent and trajectory.points[0].time_from_start_ns == 0):
             log.warning(
@@ -316,13 +292,10 @@ class JointTrajectoryController(ActionController):
         self._segment_indices = [0] * len(segments)
 
     def _hold_position(
-        self,
-        now_ns: int,
-        goal: GoalHandle | None = None,
-        tolerances: SegmentTolerances | None = None,
+        self, goal: GoalHandle | None = None, tolerances: SegmentTolerances | None = None
     ) -> None:
         """Hold the measured position, or brake within stop_trajectory_duration if that is not 0."""
-        result = []
+        now_ns, result = self._uptime_ns, []
         for k, handle in enumerate(self._handles):
             if self._stop_ns == 0 or not self._running:
                 rest = Waypoint(handle.position, 0.0, 0.0)

@@ -22,13 +22,7 @@ class PidControllerBase(JointCommandController):
 
     def _make_loop_options(self, joint: str, parameters: Mapping) -> dict[str, Pid | bool]:
         """Read the PID gains of a joint. Raises ControllerError if one is missing."""
-        path, where = "pid", self.context.where
-        if self.is_group:
-            parameters = read(parameters, joint, Mapping, where, ControllerError, {})
-            path, where = f"{joint}/pid", f"{where}/{joint}"
-        gains = read(parameters, "pid", Mapping, where, ControllerError, {})
-        pid = self.pids[path] = Pid.from_parameters(gains, f"{where}/pid")
-        return {"pid": pid}
+        return {"pid": self.read_pid(parameters, f"{joint}/pid" if self.is_group else "pid")}
 
 
 @register("effort_controllers/JointPositionController", interface=EFFORT)

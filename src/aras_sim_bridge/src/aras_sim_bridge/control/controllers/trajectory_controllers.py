@@ -2,13 +2,11 @@
 
 from collections.abc import Mapping
 
-from aras_sim_bridge.control.controllers.forward import COMMAND_OF
 from aras_sim_bridge.control.controllers.joint_trajectory_controller import (
     JointTrajectoryController,
 )
 from aras_sim_bridge.control.controllers.registry import register
-from aras_sim_bridge.control.joints import EFFORT, POSITION, VELOCITY
-from aras_sim_bridge.control.pid import Pid
+from aras_sim_bridge.control.joints import COMMAND_COLUMNS, EFFORT, POSITION, VELOCITY
 from aras_sim_bridge.errors import ControllerError
 from aras_visual_servo_base.settings import read
 
@@ -34,17 +32,16 @@ class ClosedLoopTrajectoryController(JointTrajectoryController):
     The command is an effort or a velocity, depending on the interface. velocity_ff is a parameter.
     """
 
-    def _init_output(self, parameters: Mapping, where: str) -> None:
-        gains = read(parameters, "gains", Mapping, where, ControllerError, {})
+    def _init_output(self, parameters: Mapping) -> None:
+        where = self.context.where
         forward = read(parameters, "velocity_ff", Mapping, where, ControllerError, {})
-        self._target = COMMAND_OF[self.interface]
-        self.pids, self._loops = {}, []
+        self._target = COMMAND_COLUMNS[self.interface]
+        self._loops = []
         for handle in self._handles:
-            joint = handle.name
-            joint_gains = read(gains, joint, Mapping, f"{where}/gains", ControllerError, {})
-            pid = Pid.from_parameters(joint_gains, f"{where}/gains/{joint}")
-            self.pids[f"gains/{joint}"] = pid
-            factor = read(forward, joint, float, f"{where}/velocity_ff", ControllerError, 0.0)
+            pid = self.read_pid(parameters, f"gains/{handle.name}")
+            factor = read(
+                forward, handle.name, float, f"{where}/velocity_ff", ControllerError, 0.0
+            )
             self._loops.append((handle, pid, factor))
 
     def get_loop_gains(self) -> dict[str, tuple[float, float]]:

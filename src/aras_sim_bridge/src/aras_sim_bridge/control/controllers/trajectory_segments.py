@@ -7,7 +7,7 @@ from functools import partial
 from math import fabs, isclose, isfinite, pi
 
 from aras_sim_bridge import angles
-from aras_sim_bridge.control.controllers.goal_handle import GoalHandle
+from aras_sim_bridge.control.controllers.action_controller import GoalHandle
 from aras_sim_bridge.control.controllers.splines import SplineSegment, StateTolerances, Waypoint
 from aras_sim_bridge.control.controllers.trajectory_types import (
     ErrorCode,
@@ -64,7 +64,6 @@ class SegmentTolerances:
             for override in overrides:
                 if override.name not in joints:
                     raise InvalidTrajectoryError(
-                        ErrorCode.INVALID_GOAL,
                         f"the goal has a tolerance for '{override.name}', which is not a joint of "
                         f"the controller; the joints are {', '.join(joints)}",
                     )
@@ -72,9 +71,7 @@ class SegmentTolerances:
                 tolerances[k] = _override_tolerance(tolerances[k], override)
         time_ns = self.goal_time_ns
         if not isfinite(goal.goal_time_tolerance):
-            raise InvalidTrajectoryError(
-                ErrorCode.INVALID_GOAL, "goal_time_tolerance is not finite"
-            )
+            raise InvalidTrajectoryError("goal_time_tolerance is not finite")
         if goal.goal_time_tolerance != 0.0:
             time_ns = round(max(goal.goal_time_tolerance, 0.0) * _NS_PER_S)
         return SegmentTolerances(tuple(path), tuple(at_goal), time_ns)
@@ -93,7 +90,6 @@ def _override_tolerance(default: StateTolerances, override: JointTolerance) -> S
         tolerance = getattr(override, field)
         if not isfinite(tolerance):
             raise InvalidTrajectoryError(
-                ErrorCode.INVALID_GOAL,
                 f"{field} tolerance of joint '{override.name}' is not finite; set a number",
             )
         values.append(getattr(default, field) if tolerance == 0.0 else max(tolerance, 0.0))
@@ -119,15 +115,15 @@ def find_joint_columns(
     if unknown or len(set(names)) != len(names) or not names:
         what = f"unknown are {', '.join(map(repr, unknown))}" if unknown else "empty or repeated"
         raise InvalidTrajectoryError(
-            ErrorCode.INVALID_JOINTS,
             f"joints of the trajectory are wrong ({what}); use those of the controller: "
             f"{', '.join(joints)}",
+            ErrorCode.INVALID_JOINTS,
         )
     if len(names) != len(joints) and not partial:
         raise InvalidTrajectoryError(
-            ErrorCode.INVALID_JOINTS,
             f"trajectory has {len(names)} of {len(joints)} joints and "
             f"allow_partial_joints_goal is false; name all joints or set the parameter to true",
+            ErrorCode.INVALID_JOINTS,
         )
     return [list(names).index(joint) if joint in names else None for joint in joints]
 
@@ -150,18 +146,15 @@ def check_points(trajectory: Trajectory) -> None:
             expected_count = max(size, len(point.positions))
             if len(values) != expected_count and (len(values) or field == "positions"):
                 raise InvalidTrajectoryError(
-                    ErrorCode.INVALID_GOAL,
                     f"trajectory point {k} has {len(values)} {field} for {size} joints; give one "
                     "for each joint",
                 )
             if not all(map(isfinite, values)):
                 raise InvalidTrajectoryError(
-                    ErrorCode.INVALID_GOAL,
                     f"trajectory point {k} has {field} that are not finite; correct them",
                 )
         if previous is not None and point.time_from_start_ns <= previous:
             raise InvalidTrajectoryError(
-                ErrorCode.INVALID_GOAL,
                 "time_from_start must strictly increase from point to point; correct "
                 f"trajectory point {k}, which is not later than the point before",
             )
@@ -208,7 +201,6 @@ def plan_segments(
     if not points:
         late = (next_ns - start_ns - trajectory.points[-1].time_from_start_ns) / _NS_PER_S
         raise InvalidTrajectoryError(
-            ErrorCode.INVALID_GOAL,
             f"all {dropped} trajectory points are in the past, the last one by {late:.3f} s; check "
             f"the header stamp and time_from_start",
         )

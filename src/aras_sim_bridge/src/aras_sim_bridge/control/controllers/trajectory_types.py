@@ -21,7 +21,7 @@ class ErrorCode(IntEnum):
 class InvalidTrajectoryError(ControllerError):
     """A trajectory cannot be followed; `code` is the error code of the action."""
 
-    def __init__(self, code: ErrorCode, text: str) -> None:
+    def __init__(self, text: str, code: ErrorCode = ErrorCode.INVALID_GOAL) -> None:
         super().__init__(text)
         self.code = code
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from aras_sim_bridge.control.controllers.base import Controller
@@ -55,6 +55,34 @@ class ActionController(Controller):
 
     _goal: GoalHandle | None = None
     _running = False
+
+    def _init_output(self, parameters: Mapping) -> None:
+        """Read the parameters that `_command` needs."""
+
+    def _start_output(self) -> None:
+        """Write commands that hold the joints."""
+
+    def _command(self, period: float) -> float | None:
+        """Write the commands of one control cycle; a gripper returns its effort."""
+
+    def _hold_position(self) -> None:
+        """Choose the measured positions as desired positions."""
+
+    def _preempt_goal(self, reason: str, next_goal: GoalHandle | None = None) -> None:
+        """End the active goal, if there is one, as preempted; `next_goal` replaces it."""
+
+    def stopping(self, time_ns: int) -> None:
+        """Cancel the active goal."""
+        self._running = False
+        self._preempt_goal("controller stopped")
+
+    def cancel_goal(self, handle: GoalHandle) -> bool:
+        """Stop the joints if `handle` is the active goal; return whether it was active."""
+        if self._goal is not handle:
+            return False
+        self._hold_position()
+        self._preempt_goal("cancelled")
+        return True
 
     def _end_goal(self, status: str, result: object, next_goal: GoalHandle | None = None) -> None:
         """End the active goal, if there is one; `next_goal` replaces it."""

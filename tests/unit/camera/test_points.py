@@ -5,7 +5,7 @@ import pytest
 from scenes import link_pose, looking
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
-from aras_sim_bridge.camera.point_cloud_builder import PointCloudBuilder, clip_depth
+from aras_sim_bridge.camera.point_clouds import clip_depth, compute_points
 from aras_sim_bridge.description import DepthDescription
 from aras_sim_bridge.rendering import create_renderer
 
@@ -24,7 +24,7 @@ def cloud_of(bench, topics, **settings):
     return (
         sensor,
         frame,
-        PointCloudBuilder(sensor.compute_rays(), topics).compute_points(frame.depth, frame.image),
+        compute_points(sensor.compute_rays(), frame.depth, frame.image, topics),
     )
 
 
@@ -58,9 +58,7 @@ def test_colours_stand_where_point_cloud_libraries_look_for_them(bench):
     assert not bytes_[..., 19:].any() and not bytes_[..., 12:16].any()
     grey = np.full((48, 64), 0x1234, np.uint16)
     topics = DepthDescription()
-    small = PointCloudBuilder(np.ones((48, 64, 3), np.float32), topics).compute_points(
-        frame.depth, grey
-    )
+    small = compute_points(np.ones((48, 64, 3), np.float32), frame.depth, grey, topics)
     assert (small.view(np.uint8).reshape(48, 64, 32)[..., 16:19] == 0x12).all()
 
 
@@ -79,6 +77,6 @@ def test_the_reach_of_a_camera():
     rays = np.dstack([np.full((1, 6), 0.5), np.full((1, 6), -0.25), np.ones((1, 6))])
     topics = DepthDescription(nearest=0.4, farthest=3.0)
     grey = np.zeros((1, 6), np.uint8)
-    xyz = PointCloudBuilder(rays.astype(np.float32), topics).compute_points(depth, grey)[..., :3]
+    xyz = compute_points(rays.astype(np.float32), depth, grey, topics)[..., :3]
     np.testing.assert_array_equal(
         xyz[0], [[nan] * 3, [0.25, -0.125, 0.5], [1, -0.5, 2], *[[nan] * 3] * 3])

@@ -480,7 +480,7 @@ def thread() -> Iterator[TimedThread]:
 @pytest.fixture
 def api(graph: Graph, thread: SimulationThread) -> SimpleNamespace:
     """Services of gazebo_ros in this world; `resets` lists the times of resets."""
-    from aras_sim_bridge.ros.gazebo_api import GazeboApi
+    from aras_sim_bridge.ros.gazebo_api import advertise_gazebo_api
     from aras_sim_bridge.ros.runtime.restart_record import RestartRecord
 
     it = SimpleNamespace(graph=graph, thread=thread, resets=[], graph_synced=[])
@@ -488,10 +488,10 @@ def api(graph: Graph, thread: SimulationThread) -> SimpleNamespace:
         sync=lambda: it.graph_synced.append(len(thread.simulation.world.models)),
         restart_record=RestartRecord(True),
     )
-    it.api = GazeboApi(
+    it.states = advertise_gazebo_api(
         thread, on_graph, lambda: it.resets.append(thread.simulation.time_ns)
     )
-    thread.batch_hooks.append(lambda _time_ns: it.api.states.after_batch(thread.simulation))
+    thread.batch_hooks.append(lambda _time_ns: it.states.after_batch(thread.simulation))
     return it
 
 

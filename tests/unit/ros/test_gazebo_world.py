@@ -352,7 +352,7 @@ def test_metrics_tell_how_often_cameras_that_are_looked_at_draw(api, monkeypatch
     for wanted, fps in ((False, 0.0), (True, 10.0)):
         camera.enabled = wanted
         now[0] += 1.0
-        api.api.states.after_batch(simulation)
+        api.states.after_batch(simulation)
         message = metrics.sent[-1]
         assert (message.header.stamp.to_nsec(), message.real_time_factor) == (2_000_000, 0.5)
         (told,) = message.sensors
@@ -366,7 +366,7 @@ def test_metrics_are_told_five_times_a_second(api, monkeypatch):
     metrics, told = api.graph.publishers["/gazebo/performance_metrics"], []
     metrics.impl.connections.append(object())
     for now[0] in (0.5, 0.6875, 0.75, 0.875, 0.96875):
-        api.api.states.after_batch(api.thread.simulation)
+        api.states.after_batch(api.thread.simulation)
         told.append(len(metrics.sent))
     assert told == [1, 1, 2, 2, 3]
 

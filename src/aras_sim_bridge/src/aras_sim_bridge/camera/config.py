@@ -10,7 +10,7 @@ import math
 import re
 import zlib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -306,18 +306,6 @@ class CameraConfig:
         if self.projection_matrix is not None and not self.legacy_camera_info:
             P = np.reshape(self.projection_matrix, (3, 4))
         return CameraIntrinsics(self.width, self.height, K, D, name, R, P)
-
-    def sensor_settings(self) -> dict[str, object]:
-        """Return the settings of shutter, exposure and noise, which CameraInfo does not contain."""
-        keys = ("row_time", "rows_together", "exposure_time", "exposure_samples", "exposure",
-                "gain", "noise_mean", "noise_stddev", "shot_noise", "vignetting")  # fmt: skip
-        effects = {key: getattr(self.effects, key) for key in keys}
-        for key in ("sensor", "auto_exposure"):
-            if (part := getattr(self.effects, key)) is not None:
-                effects[key] = asdict(part)
-        if self.effects.further:
-            effects["further"] = {k: dict(v) for k, v in self.effects.further.items()}
-        return {"effects": effects}
 
     @classmethod
     def from_description(cls, camera: CameraDescription,

@@ -35,34 +35,29 @@ def clip_depth(depth: np.ndarray, topics: DepthDescription) -> np.ndarray:
     return np.where(nothing, np.float32(np.nan), depth) if nothing.any() else depth
 
 
-class PointCloudBuilder:
-    """Computes point clouds from the depth images of one camera."""
+def compute_points(
+    rays: np.ndarray, depth: np.ndarray, image: np.ndarray, topics: DepthDescription
+) -> np.ndarray:
+    """Return the points (H, W, 8) float32 of all pixels of a depth image.
 
-    def __init__(self, rays: np.ndarray, topics: DepthDescription) -> None:
-        """Prepare for images whose rays (H, W, 3) are the result of CameraSensor.compute_rays."""
-        self._rays = rays
-        self._topics = topics
+    The first three numbers are x, y, z in the optical frame, m. They are NaN for pixels that have
+    no surface or are outside the range. The number at index COLOUR contains the bytes blue, green,
+    red and 0.
 
-    def compute_points(self, depth: np.ndarray, image: np.ndarray) -> np.ndarray:
-        """Return the points (H, W, 8) float32 of all pixels.
-
-        The first three numbers are x, y, z in the optical frame, m. They are NaN for pixels that
-        have no surface or are outside the range. The number at index COLOUR contains the bytes
-        blue, green, red and 0.
-
-        Args:
-            depth: depth image (H, W) float32, m.
-            image: colour image (H, W, 3) rgb, or grey image (H, W).
-        """
-        if image.dtype == np.uint16:
-            image = (image >> 8).astype(np.uint8)
-        if image.ndim == 2:
-            image = np.repeat(image[..., None], 3, axis=2)
-        points = np.zeros((*depth.shape, POINT_FLOATS), np.float32)
-        _fill(self._rays, depth, np.ascontiguousarray(image),
-              np.float32(self._topics.nearest), np.float32(self._topics.farthest), points,
-              points.view(np.uint8))
-        return points
+    Args:
+        rays: (H, W, 3) float32, result of CameraSensor.compute_rays.
+        depth: depth image (H, W) float32, m.
+        image: colour image (H, W, 3) rgb, or grey image (H, W).
+        topics: range of the delivered depth.
+    """
+    if image.dtype == np.uint16:
+        image = (image >> 8).astype(np.uint8)
+    if image.ndim == 2:
+        image = np.repeat(image[..., None], 3, axis=2)
+    points = np.zeros((*depth.shape, POINT_FLOATS), np.float32)
+    _fill(rays, depth, np.ascontiguousarray(image), np.float32(topics.nearest),
+          np.float32(topics.farthest), points, points.view(np.uint8))
+    return points
 
 
 @jit("f4[:,:,:], f4[:,:], u1[:,:,:], f4, f4, f4[:,:,::1], u1[:,:,::1]")

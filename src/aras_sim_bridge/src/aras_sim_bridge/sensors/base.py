@@ -125,9 +125,9 @@ class PeriodicSensor(ABC, Generic[State]):
         last: whether a reading follows this step.
         """
 
-    @abstractmethod
     def _read_state(self) -> State:
-        """Return the state before a step from which a later reading is computed."""
+        """Return the state before a step from which a later reading is computed, if there is one.
+        """
 
     @abstractmethod
     def _measure(self, before: State, time_ns: int, seconds: float) -> object:

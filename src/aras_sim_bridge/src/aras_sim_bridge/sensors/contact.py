@@ -62,9 +62,6 @@ class ContactSensor(PeriodicSensor[None]):
                    for own_name in description.collisions)
         ]
 
-    def _read_state(self) -> None:
-        return None
-
     def _measure(self, before: None, time_ns: int, seconds: float) -> ContactReading:
         model, others = self.model, {other.body_id: other for other in self._world.models.values()}
         own = {model.link_index(name): name for name in self._links}

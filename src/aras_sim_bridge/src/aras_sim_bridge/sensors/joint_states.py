@@ -27,9 +27,6 @@ class JointStateSensor(PeriodicSensor[None]):
         super().__init__(description, model, world, seed)
         self._slots = [model.joint_names.index(name) for name in description.joints]
 
-    def _read_state(self) -> None:
-        return None
-
     def _measure(self, before: None, time_ns: int, seconds: float) -> JointStateReading:
         positions, velocities, _ = self.model.read_joints()
         return JointStateReading(time_ns, self.description.joints,

@@ -54,9 +54,6 @@ class PoseSensor(PeriodicSensor[None]):
     /gazebo/link_states.
     """
 
-    def _read_state(self) -> None:
-        return None
-
     def _measure(self, before: None, time_ns: int, seconds: float) -> PoseReading:
         description = self.description
         pose, twist = self.model.link_state(description.link)

@@ -20,20 +20,15 @@ from aras_visual_servo_ros.parameters import InvalidParameterError, Value, get_n
 from aras_visual_servo_ros.reconfigure import ReconfigurableParameter, ReconfigureServer
 
 # Settings of a compressed topic, with the names, defaults and limits of compressed_image_transport.
-COMPRESSED_FIELDS = (
-    ReconfigurableParameter("format", "str", "jpeg", "", "", "Compression format: jpeg or png"),
-    ReconfigurableParameter("jpeg_quality", "int", 80, 1, 100, "JPEG quality percentile"),
-    ReconfigurableParameter(
-        "jpeg_progressive", "bool", False, False, True, "Progressive compression for JPEG"
-    ),
-    ReconfigurableParameter(
-        "jpeg_optimize", "bool", False, False, True, "Optimised Huffman tables for JPEG"
-    ),
-    ReconfigurableParameter(
-        "jpeg_restart_interval", "int", 0, 0, 65535, "Restart interval for JPEG"
-    ),
-    ReconfigurableParameter("png_level", "int", 9, 1, 9, "PNG compression level"),
-)
+# Each row: name, type, default, minimum, maximum, description.
+COMPRESSED_FIELDS = tuple(ReconfigurableParameter(*row) for row in (
+    ("format", "str", "jpeg", "", "", "Compression format: jpeg or png"),
+    ("jpeg_quality", "int", 80, 1, 100, "JPEG quality percentile"),
+    ("jpeg_progressive", "bool", False, False, True, "Progressive compression for JPEG"),
+    ("jpeg_optimize", "bool", False, False, True, "Optimised Huffman tables for JPEG"),
+    ("jpeg_restart_interval", "int", 0, 0, 65535, "Restart interval for JPEG"),
+    ("png_level", "int", 9, 1, 9, "PNG compression level"),
+))  # fmt: skip
 _COLOUR = {"rgb8": cv2.COLOR_RGB2BGR, "rgb16": cv2.COLOR_RGB2BGR, "bgr8": None}
 
 

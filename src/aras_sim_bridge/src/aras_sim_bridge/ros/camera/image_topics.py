@@ -15,7 +15,7 @@ from sensor_msgs.msg import Image, PointCloud2, PointField
 from std_msgs.msg import String
 
 from aras_sim_bridge.camera import CameraReading
-from aras_sim_bridge.camera.point_cloud_builder import COLOUR, POINT_FLOATS, PointCloudBuilder
+from aras_sim_bridge.camera.point_clouds import COLOUR, POINT_FLOATS, compute_points
 from aras_sim_bridge.description import DepthDescription
 from aras_sim_bridge.ros.runtime.publisher import NonBlockingPublisher
 from aras_sim_bridge.simulation import Simulation
@@ -69,8 +69,7 @@ class PointsTopic(NonBlockingPublisher):
             settings: settings of the depth topics.
             on_change: see the top of this file.
         """
-        self._cloud = PointCloudBuilder(rays, settings)
-        self._rows = settings.rows
+        self._rays, self._settings = rays, settings
         super().__init__(topic, PointCloud2, queue_size=1, on_change=on_change)
 
     def send(self, stamp: Time, frame_id: str, frame: CameraReading) -> None:
@@ -78,11 +77,11 @@ class PointsTopic(NonBlockingPublisher):
         if not self.subscriber_count:
             return
         image = frame.image[..., ::-1] if frame.encoding.startswith("bgr") else frame.image
-        points = self._cloud.compute_points(frame.depth, image)
+        points = compute_points(self._rays, frame.depth, image, self._settings)
         message = PointCloud2(fields=_FIELDS, point_step=4 * POINT_FLOATS)
         message.header.stamp, message.header.frame_id = stamp, frame_id
         height, width = points.shape[:2]
-        if not self._rows:
+        if not self._settings.rows:
             height, width = 1, height * width
         message.height, message.width = height, width
         message.row_step = message.point_step * width

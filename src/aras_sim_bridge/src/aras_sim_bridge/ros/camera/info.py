@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,9 @@ SENSOR_HEADER = """\
 # sensor: gain in grey levels (of 255) per electron, full_well and read_noise in electrons,
 # dark_current in electrons per second. The keys are those of a camera preset.
 """
+SENSOR_KEYS = ("row_time", "rows_together", "exposure_time", "exposure_samples", "exposure", "gain",
+               "noise_mean", "noise_stddev", "shot_noise", "vignetting")  # fmt: skip
+
 
 def to_camera_info(info: CameraIntrinsics) -> CameraInfo:
     """Return the camera intrinsics as a CameraInfo message without stamp and frame."""
@@ -83,8 +87,15 @@ def save_calibration(info: CameraInfo, camera_name: str, config: CameraConfig) -
 
 
 def format_sensor_yaml(config: CameraConfig) -> str:
-    """Return camera settings as YAML text, limited to parameters that CameraInfo cannot contain."""
-    return SENSOR_HEADER + yaml.safe_dump(config.sensor_settings(), sort_keys=False)
+    """Return the settings of shutter, exposure and noise as YAML; CameraInfo does not contain them.
+    """
+    settings = {key: getattr(config.effects, key) for key in SENSOR_KEYS}
+    for key in ("sensor", "auto_exposure"):
+        if (part := getattr(config.effects, key)) is not None:
+            settings[key] = asdict(part)
+    if config.effects.further:
+        settings["further"] = {key: dict(value) for key, value in config.effects.further.items()}
+    return SENSOR_HEADER + yaml.safe_dump({"effects": settings}, sort_keys=False)
 
 
 def _flatten(values: np.ndarray) -> list[float]:

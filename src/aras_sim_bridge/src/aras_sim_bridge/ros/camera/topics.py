@@ -12,7 +12,7 @@ from std_msgs.msg import Empty, String
 
 from aras_sim_bridge.camera import CameraConfig, CameraReading
 from aras_sim_bridge.camera.mounting import MountedCamera, find_simultaneous
-from aras_sim_bridge.camera.point_cloud_builder import clip_depth
+from aras_sim_bridge.camera.point_clouds import clip_depth
 from aras_sim_bridge.errors import CameraError
 from aras_sim_bridge.ros.camera import frame_broadcaster
 from aras_sim_bridge.ros.camera.compressed import CompressedTopic

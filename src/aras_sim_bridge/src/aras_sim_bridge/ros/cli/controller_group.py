@@ -13,6 +13,7 @@ from controller_manager_msgs.srv import ListControllers, SwitchController
 
 from aras_sim_bridge.ros.cli.controller_manager import (
     STRICT,
+    compute_exit_status,
     load_controller,
     start_controller,
 )
@@ -27,14 +28,13 @@ def read_groups() -> dict[str, list[str]]:
     return groups if isinstance(groups, dict) else {}
 
 
-def list_groups(groups: dict[str, list[str]]) -> bool:
+def list_groups(groups: dict[str, list[str]]) -> None:
     """Print all groups with their controllers."""
     print(f"Number of groups: {len(groups)}")
     for name in sorted(groups):
         print(f"  {name}")
         for controller in groups[name]:
             print(f"      {controller}")
-    return True
 
 
 def spawn(controllers: list[str]) -> bool:
@@ -44,7 +44,10 @@ def spawn(controllers: list[str]) -> bool:
 
 
 def switch(group: list[str], other_groups: set[str]) -> None:
-    """Start a group's controllers and stop those of the other groups, in one switch."""
+    """Start a group's controllers and stop those of the other groups, in one switch.
+
+    A failure is only printed.
+    """
     service = "controller_manager/list_controllers"
     rospy.wait_for_service(service, SERVICE_TIMEOUT)
     controllers = rospy.ServiceProxy(service, ListControllers)().controller
@@ -81,7 +84,8 @@ def main() -> int:
     init_node("controller_group", anonymous=True)
     groups = read_groups()
     if args.command == "list":
-        return 0 if list_groups(groups) else 1
+        list_groups(groups)
+        return 0
     group = list(dict.fromkeys(groups.get(args.group) or ()))
     if not group:
         known = ", ".join(sorted(groups)) or "none"
@@ -91,17 +95,14 @@ def main() -> int:
             file=sys.stderr,
         )
         return 1
-    try:
-        if args.command == "spawn":
-            return 0 if spawn(group) else 1
-        others = {name for names in groups.values() for name in names} - set(group)
+    if args.command == "spawn":
+        return compute_exit_status(lambda: spawn(group))
+    others = {name for names in groups.values() for name in names} - set(group)
+
+    def switch_to_group() -> bool:
         switch(group, others)
-        # Return 0 even if the switch failed, like the program of the same name in ROS; scripts read
-        # the printed text.
-        return 0
-    except rospy.ROSInterruptException:
-        return 1
-    except (rospy.ServiceException, rospy.ROSException) as error:
-        print(f"The controller manager did not answer: {error}; spawn the robot, and set __ns to "
-              "its namespace", file=sys.stderr)
-        return 1
+        # The exit status is 0 even if the switch failed, like that of the program of the same name
+        # in ROS; scripts read the printed text.
+        return True
+
+    return compute_exit_status(switch_to_group)

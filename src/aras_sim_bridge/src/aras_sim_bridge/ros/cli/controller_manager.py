@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
 
 import rospy
 from controller_manager_msgs.srv import (
@@ -117,19 +118,34 @@ def reload_libraries(force_kill: bool, restore: bool = False) -> bool:
 
 def run(command: str, names: list[str], restore: bool) -> bool:
     """Run one command for all names; return whether it succeeded for each of them."""
-    each = {"load": [load_controller], "unload": [unload_controller],
-            "start": [start_controller], "stop": [stop_controller]}
-    both = {"spawn": (load_controller, start_controller),
-            "kill": (stop_controller, unload_controller)}
-    if command in each:
-        return all([action(name) for action in each[command] for name in names])
-    if command in both:
-        return all([action(name) for action in both[command] for name in names])
+    actions = {
+        "load": (load_controller,), "unload": (unload_controller,),
+        "start": (start_controller,), "stop": (stop_controller,),
+        "spawn": (load_controller, start_controller),
+        "kill": (stop_controller, unload_controller),
+    }  # fmt: skip
+    if command in actions:
+        return all([action(name) for action in actions[command] for name in names])
     if command == "list":
         return list_controllers()
     if command == "list-types":
         return list_controller_types()
     return reload_libraries(True, restore)
+
+
+def compute_exit_status(action: Callable[[], bool]) -> int:
+    """Run `action`, which calls services of the controller manager; return the exit status.
+
+    A message is printed if the controller manager does not answer.
+    """
+    try:
+        return 0 if action() else 1
+    except rospy.ROSInterruptException:
+        return 1
+    except (rospy.ServiceException, rospy.ROSException) as error:
+        print(f"The controller manager did not answer: {error}; spawn the robot, and set __ns to "
+              "its namespace", file=sys.stderr)
+        return 1
 
 
 def main() -> int:
@@ -144,12 +160,5 @@ def main() -> int:
                         help="load the controllers again after a reload")
     args = parser.parse_args(rospy.myargv(sys.argv)[1:])
     init_node("controller_manager", anonymous=True)
-    try:
-        ok = run(ALIASES.get(args.command, args.command), args.names, args.restore)
-    except rospy.ROSInterruptException:
-        return 1
-    except (rospy.ServiceException, rospy.ROSException) as error:
-        print(f"The controller manager did not answer: {error}; spawn the robot, and set __ns to "
-              "its namespace", file=sys.stderr)
-        return 1
-    return 0 if ok else 1
+    command = ALIASES.get(args.command, args.command)
+    return compute_exit_status(lambda: run(command, args.names, args.restore))

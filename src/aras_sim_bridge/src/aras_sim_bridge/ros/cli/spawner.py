@@ -107,9 +107,10 @@ class Spawner:
 
         `namespace` ends with '/', or is '' for the namespace of this node.
         """
-        self._names = {name: f"{namespace}controller_manager/{name}" for name, _ in SERVICES}
+        self._manager = f"{namespace}controller_manager"
         self._proxies = {
-            name: rospy.ServiceProxy(self._names[name], service) for name, service in SERVICES
+            name: rospy.ServiceProxy(f"{self._manager}/{name}", service)
+            for name, service in SERVICES
         }
         self._loaded: list[str] = []
 
@@ -118,7 +119,7 @@ class Spawner:
 
         Return False if one of the services is not available within `timeout`, s.
         """
-        return all(wait_for_service(name, timeout) for name in self._names.values())
+        return all(wait_for_service(f"{self._manager}/{name}", timeout) for name in self._proxies)
 
     def load(self, names: list[str]) -> None:
         """Load the controllers in the given order; log each failure and continue."""
@@ -131,16 +132,13 @@ class Spawner:
                 rospy.logerr("Failed to load %s; the simulator's log says why", name)
         rospy.loginfo("Controller Spawner: Loaded controllers: %s", ", ".join(self._loaded))
 
-    def start(self) -> bool:
-        """Start all loaded controllers in one strict switch; return whether it succeeded."""
+    def start(self) -> None:
+        """Start all loaded controllers in one strict switch, and log whether it succeeded."""
+        names = ", ".join(self._loaded)
         if self._proxies["switch_controller"](self._loaded, [], STRICT, False, 0.0).ok:
-            rospy.loginfo("Started controllers: %s", ", ".join(self._loaded))
-            return True
-        rospy.logerr(
-            "Failed to start controllers: %s; the simulator's log says why",
-            ", ".join(self._loaded),
-        )
-        return False
+            rospy.loginfo("Started controllers: %s", names)
+        else:
+            rospy.logerr("Failed to start controllers: %s; the simulator's log says why", names)
 
     def unload(self) -> None:
         """Stop the controllers and unload them in reverse order, unless the simulator has ended."""

@@ -11,7 +11,7 @@ from actionlib.action_server import ActionServer
 from actionlib.server_goal_handle import ServerGoalHandle
 from genpy import Message
 
-from aras_sim_bridge.control.controllers.goal_handle import (
+from aras_sim_bridge.control.controllers.action_controller import (
     PREEMPTED,
     REJECTED,
     SUCCEEDED,

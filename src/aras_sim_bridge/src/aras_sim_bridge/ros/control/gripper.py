@@ -2,7 +2,7 @@
 
 from control_msgs.msg import GripperCommandAction, GripperCommandGoal, GripperCommandResult
 
-from aras_sim_bridge.control.controllers.goal_handle import GoalHandle
+from aras_sim_bridge.control.controllers.action_controller import GoalHandle
 from aras_sim_bridge.control.controllers.gripper import GripperGoal
 from aras_sim_bridge.ros.control.controller_action_server import ControllerActionServer
 

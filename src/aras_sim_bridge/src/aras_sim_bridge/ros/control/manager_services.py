@@ -19,6 +19,7 @@ from controller_manager_msgs.srv import (
 from std_msgs.msg import Bool
 
 from aras_sim_bridge.control.switching import SwitchRequest
+from aras_sim_bridge.controlled_model import ControlledModel
 from aras_sim_bridge.errors import ControllerError
 from aras_sim_bridge.ros.control.command_subscriber import CommandSubscriber
 from aras_sim_bridge.ros.control.topics import ControllerTopics, PidTopics
@@ -30,7 +31,7 @@ from aras_sim_bridge.ros.runtime.services import (
     service_handler,
 )
 from aras_sim_bridge.ros.runtime.simulation_thread import SHUTTING_DOWN, SimulationThread
-from aras_sim_bridge.simulation import ControlledModel, Simulation
+from aras_sim_bridge.simulation import Simulation
 from aras_visual_servo_base.names import resolve_name
 from aras_visual_servo_ros.parameters import get_namespace
 
@@ -66,7 +67,11 @@ class ManagerServices:
         for joint, pid in pids.items():
             namespace = f"{self._namespace}/gazebo_ros_control/pid_gains/{joint}"
             self._joint_pids.append(PidTopics(namespace, pid, self._thread))
-        self._e_stop = self._subscribe_e_stop()
+        plugins = self._robot.model.description.control_plugins
+        e_stop_topics = [plugin.e_stop_topic for plugin in plugins if plugin.e_stop_topic]
+        if e_stop_topics:
+            topic = resolve_name(self._namespace, e_stop_topics[0])
+            self._e_stop = CommandSubscriber(topic, Bool, self._set_e_stop, self._thread)
         self._services = ServiceTable(
             f"{self._namespace}/controller_manager",
             self._thread,
@@ -85,18 +90,8 @@ class ManagerServices:
         self._restart_record.set_controllers(self._namespace, [])
         self._topics.clear()
 
-    def _subscribe_e_stop(self) -> CommandSubscriber | None:
-        plugins = self._robot.model.description.control_plugins
-        topic = next((plugin.e_stop_topic for plugin in plugins if plugin.e_stop_topic), None)
-        if topic is None:
-            return None
-
-        def set_e_stop(message: Bool) -> None:
-            self._robot.hardware.e_stop = message.data
-
-        return CommandSubscriber(
-            resolve_name(self._namespace, topic), Bool, set_e_stop, self._thread
-        )
+    def _set_e_stop(self, message: Bool) -> None:
+        self._robot.hardware.e_stop = message.data
 
     @service_handler(ListControllers)
     def list_controllers(self, _simulation: Simulation, _request: ListControllers) -> Fields:

@@ -13,12 +13,13 @@ from control_msgs.msg import JointTolerance as ToleranceMessage
 from control_msgs.srv import QueryTrajectoryState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from aras_sim_bridge.control.controllers.goal_handle import GoalHandle
+from aras_sim_bridge.control.controllers.action_controller import GoalHandle
 from aras_sim_bridge.control.controllers.joint_trajectory_controller import (
     JointTrajectoryController,
 )
 from aras_sim_bridge.control.controllers.trajectory_types import (
     JointTolerance,
+    StatePoint,
     Trajectory,
     TrajectoryControllerState,
     TrajectoryGoal,
@@ -52,17 +53,11 @@ def fill_state(message: StateMessage, state: TrajectoryControllerState) -> State
     message.header.stamp = to_time(state.stamp_ns)
     message.joint_names = list(state.joint_names)
     for name in ("desired", "actual", "error"):
-        point = getattr(state, name)
-        setattr(
-            message,
-            name,
-            JointTrajectoryPoint(
-                positions=point.positions,
-                velocities=point.velocities,
-                accelerations=point.accelerations,
-                time_from_start=to_duration(point.time_from_start),
-            ),
-        )
+        point: StatePoint = getattr(state, name)
+        to_fill: JointTrajectoryPoint = getattr(message, name)
+        to_fill.positions, to_fill.velocities = point.positions, point.velocities
+        to_fill.accelerations = point.accelerations
+        to_fill.time_from_start = to_duration(point.time_from_start)
     return message
 
 

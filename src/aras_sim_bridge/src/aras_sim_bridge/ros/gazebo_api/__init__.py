@@ -17,40 +17,32 @@ from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 NAMESPACE = "/gazebo"
 
 
-class GazeboApi:
-    """All topics and services that gazebo_ros offers to its clients."""
+def advertise_gazebo_api(
+    thread: SimulationThread,
+    device_interfaces: DeviceInterfaces,
+    on_time_reset: Callable[[], None],
+    extra: bool = True,
+    link_attacher: bool = False,
+) -> ModelStateTopics:
+    """Advertise all topics and services that gazebo_ros offers; return the topics of states.
 
-    def __init__(
-        self,
-        thread: SimulationThread,
-        device_interfaces: DeviceInterfaces,
-        on_time_reset: Callable[[], None],
-        extra: bool = True,
-        link_attacher: bool = False,
-    ) -> None:
-        """Advertise the topics and services.
-
-        Args:
-            thread: simulation thread.
-            device_interfaces: ROS interfaces of the robots, cameras and sensors.
-            on_time_reset: function that the simulation thread calls after a reset of simulated
-                time.
-            extra: whether to add topics and services that are not part of gazebo_ros's API.
-            link_attacher: whether to offer the services of the plug-in gazebo_ros_link_attacher.
-        """
-        self.states = ModelStateTopics(NAMESPACE, thread, extra)
-        forces = AppliedForces(thread)
-        spawned = ModelServices(forces, device_interfaces)
-        physics = PhysicsProperties(NAMESPACE, thread)
-        reset = TimeReset(on_time_reset)
-        ServiceTable(
-            NAMESPACE,
-            thread,
-            *find_handlers(
-                lights, links, model_services, world, forces, spawned, physics, reset,
-                *([stepping] if extra else []),
-            ),
-        )
-        if link_attacher:
-            ServiceTable(attacher.NAMESPACE, thread, *find_handlers(attacher))
-        subscribe_states(NAMESPACE, thread)
+    Args:
+        thread: simulation thread.
+        device_interfaces: ROS interfaces of the robots, cameras and sensors.
+        on_time_reset: function that the simulation thread calls after a reset of simulated time.
+        extra: whether to add topics and services that are not part of gazebo_ros's API.
+        link_attacher: whether to offer the services of the plug-in gazebo_ros_link_attacher.
+    """
+    states = ModelStateTopics(NAMESPACE, thread, extra)
+    forces = AppliedForces(thread)
+    spawned = ModelServices(forces, device_interfaces)
+    physics = PhysicsProperties(NAMESPACE, thread)
+    reset = TimeReset(on_time_reset)
+    places = [lights, links, model_services, world, forces, spawned, physics, reset]
+    if extra:
+        places.append(stepping)
+    ServiceTable(NAMESPACE, thread, *find_handlers(*places))
+    if link_attacher:
+        ServiceTable(attacher.NAMESPACE, thread, *find_handlers(attacher))
+    subscribe_states(NAMESPACE, thread)
+    return states

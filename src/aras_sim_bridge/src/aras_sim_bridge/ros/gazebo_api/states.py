@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable
+from functools import partial
 
 import rospy
 from gazebo_msgs.msg import (
@@ -15,7 +15,6 @@ from gazebo_msgs.msg import (
     PerformanceMetrics,
     SensorPerformanceMetric,
 )
-from genpy import Message
 from std_msgs.msg import Float64
 
 from aras_sim_bridge.errors import SimError
@@ -113,28 +112,15 @@ def make_link_states(simulation: Simulation) -> LinkStates:
 
 def subscribe_states(namespace: str, thread: SimulationThread) -> None:
     """Subscribe to set_model_state and set_link_state below `namespace`."""
-    for name, message, apply in (
-        ("set_model_state", ModelState, move_model),
-        ("set_link_state", LinkState, move_link),
-    ):
-        topic = f"{namespace}/{name}"
-        callback = _make_ordered_callback(thread, topic, apply)
-        rospy.Subscriber(topic, message, callback, queue_size=10)
 
-
-def _make_ordered_callback(
-    thread: SimulationThread, topic: str, apply: Callable[[Simulation, Message], None]
-) -> Callable[[Message], None]:
-    """Return a callback that passes a message to the simulation thread.
-
-    The callback waits until the message has been applied, so that messages keep their order. Errors
-    are logged.
-    """
-
-    def on_message(message: Message) -> None:
+    def move(message: ModelState | LinkState, topic: str) -> None:
+        apply = move_model if isinstance(message, ModelState) else move_link
+        # Wait until the message has been applied, so that messages keep their order.
         try:
             thread.call(lambda: apply(thread.simulation, message))
         except SimError as error:
             rospy.logerr_throttle(1.0, f"{topic}: {error}")
 
-    return on_message
+    for name, kind in (("set_model_state", ModelState), ("set_link_state", LinkState)):
+        topic = f"{namespace}/{name}"
+        rospy.Subscriber(topic, kind, partial(move, topic=topic), queue_size=10)

@@ -18,7 +18,8 @@ from aras_sim_bridge.description import world_file
 from aras_sim_bridge.description.world_file import WorldFile
 from aras_sim_bridge.errors import SimError, WindowError
 from aras_sim_bridge.ros.camera import settings
-from aras_sim_bridge.ros.gazebo_api import GazeboApi
+from aras_sim_bridge.ros.gazebo_api import advertise_gazebo_api
+from aras_sim_bridge.ros.gazebo_api.states import ModelStateTopics
 from aras_sim_bridge.ros.runtime.clock import ClockPublisher
 from aras_sim_bridge.ros.runtime.device_interfaces import DeviceInterfaces
 from aras_sim_bridge.ros.runtime.lockstep import Lockstep
@@ -55,7 +56,7 @@ class GazeboNode:
         """
         self.parameters = parameters
         self.fault: BaseException | None = None
-        self.api: GazeboApi | None = None
+        self._states: ModelStateTopics | None = None
         self.clock = ClockPublisher(parameters.effective_clock_rate)
         self.world_file = world_file.load_world(parameters.world)
         self.thread = SimulationThread(
@@ -79,7 +80,7 @@ class GazeboNode:
         before_frame = None if self.lockstep is None else self.lockstep.before_frame
         self.device_interfaces = DeviceInterfaces(self.thread, before_frame, self.restart_record)
         if parameters.enable_ros_network:
-            self.api = GazeboApi(
+            self._states = advertise_gazebo_api(
                 self.thread, self.device_interfaces, self.on_time_reset,
                 parameters.extra_interfaces, self.world_file.link_attacher,
             )
@@ -114,8 +115,8 @@ class GazeboNode:
             self.lockstep.after_step(time_ns)
 
     def _after_batch(self, _time_ns: int) -> None:
-        if self.api is not None:
-            self.api.states.after_batch(self.thread.simulation)
+        if self._states is not None:
+            self._states.after_batch(self.thread.simulation)
 
     def _on_fault(self, error: BaseException) -> None:
         self.fault = error

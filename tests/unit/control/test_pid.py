@@ -68,14 +68,14 @@ TABLE = [
 
 @pytest.mark.parametrize(("proves", "gains", "cycles"), TABLE, ids=[row[0] for row in TABLE])
 def test_golden_table(proves, gains, cycles):
-    pid = Pid(*gains)
+    pid = Pid(PidGains(*gains))
     assert [pid.compute(error, dt) for error, dt, _ in cycles] == pytest.approx(
         [command for *_, command in cycles], abs=1e-12
     )
 
 
 def test_reset_brings_the_derivative_kick_back():
-    pid = Pid(0, 1, 1, 10, -10)
+    pid = Pid(PidGains(0, 1, 1, 10, -10))
     first = pid.compute(1.0, 0.5)
     pid.compute(1.0, 0.5)
     pid.reset()
@@ -84,7 +84,7 @@ def test_reset_brings_the_derivative_kick_back():
 
 
 def test_given_derivative_is_used_and_a_nan_in_it_gives_zero():
-    pid = Pid(1, 1, 2, 10, -10)
+    pid = Pid(PidGains(1, 1, 2, 10, -10))
     assert pid.compute(1.0, 1.0, 3.0) == 1 + 1 + 6
     assert pid.compute(1.0, 1.0, nan) == 0.0
     assert pid.compute(1.0, 0.0, 3.0) == 0.0
@@ -92,14 +92,14 @@ def test_given_derivative_is_used_and_a_nan_in_it_gives_zero():
 
 
 def test_new_gains_keep_the_integral():
-    pid = Pid(0, 1, 0, 10, -10)
+    pid = Pid(PidGains(0, 1, 0, 10, -10))
     pid.compute(2.0, 1.0)
     pid.set_gains(PidGains(0, 2, 0, 10, -10))
     assert pid.compute(1.0, 1.0) == 6.0
 
 
 def test_state_listener_sees_the_terms():
-    pid = Pid(2, 3, 0.5, 10, -10)
+    pid = Pid(PidGains(2, 3, 0.5, 10, -10))
     seen = []
     pid.on_state = seen.append
     pid.compute(1.5, 0.1)
@@ -150,7 +150,7 @@ def test_a_misspelt_gain_is_told_with_the_nearest_name(caplog):
 
 
 def test_bad_gains_are_refused_and_the_old_ones_stay():
-    pid = Pid(1)
+    pid = Pid(PidGains(1))
     for gains in (PidGains(nan), PidGains(1, inf), PidGains(1, 1, 0, -1, 1)):
         with pytest.raises(ControllerError):
             pid.set_gains(gains)

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import struct
-import threading
 
 import pytest
 from std_msgs.msg import Float64
 
-from aras_sim_bridge.control.pid import Pid
-from aras_sim_bridge.ros.camera.compressed import BackgroundWorker
+from aras_sim_bridge.control.pid import Pid, PidGains
 from aras_sim_bridge.ros.control.state_publisher import StatePublisher
 from aras_sim_bridge.ros.runtime.pacing import Pacer
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
@@ -40,7 +38,7 @@ def advertise(ros, thread):
     """make() gives a PID, and the topic of its outputs."""
 
     def make(thread=thread):
-        pid = Pid(2.0)
+        pid = Pid(PidGains(2.0))
         return pid, StatePublisher("/state", Float64, 1, pid, lambda message, state: setattr(
             message, "data", state.output), thread)
 
@@ -96,45 +94,3 @@ def test_a_listener_that_was_quicker_than_the_constructor_is_heard(advertise, ro
     ros.join()
     pid, _ = advertise(AtOnce())
     assert pid.on_state is not None
-
-
-def test_nobody_waits_for_the_encoder_and_the_newest_frames_stay():
-    begun, go, done = threading.Event(), threading.Event(), threading.Event()
-    worked = []
-
-    def work(item: int) -> None:
-        begun.set()
-        assert go.wait(10.0)
-        worked.append(item)
-        if item == 99:
-            done.set()
-
-    encoder = BackgroundWorker(work, 4, "encoder")
-    encoder.put(0)
-    assert begun.wait(10.0)
-    for n in range(1, 100):
-        encoder.put(n)  # comes back at once, or this test never ends
-    go.set()
-    assert done.wait(10.0)
-    encoder.stop()
-    assert worked == [0, 96, 97, 98, 99]
-
-
-def test_an_encoder_that_is_stopped_lets_the_rest_be():
-    worked = []
-    stopped = threading.Event()
-
-    def work(item: int) -> None:
-        worked.append(item)
-        encoder.stop()
-        stopped.set()
-
-    encoder = BackgroundWorker(work, 4, "to be stopped")
-    encoder.put(1)
-    encoder.put(2)
-    assert stopped.wait(10.0)
-    ended = [t for t in threading.enumerate() if t.name == "to be stopped"]
-    for thread in ended:
-        thread.join(10.0)
-        assert not thread.is_alive()
-    assert worked == [1]

@@ -11,13 +11,6 @@ from aras_visual_servo_base.compiled import jit
 TURN = 2.0 * pi
 
 
-@jit("f8", allocates=False)
-def normalize_angle(angle):
-    """Return `angle` mapped to (-pi, pi]."""
-    wrapped = angle % TURN
-    return wrapped - TURN if wrapped > pi else wrapped
-
-
 @jit("f8, f8", allocates=False)
 def shortest_angular_distance(start, goal):
     """Return the signed distance from `start` to `goal` along the shorter arc, in (-pi, pi]."""
@@ -25,7 +18,8 @@ def shortest_angular_distance(start, goal):
     # Fast path: in nearly every control cycle, the difference is already in (-pi, pi].
     if -pi < distance <= pi:
         return distance
-    return normalize_angle(distance)
+    wrapped = distance % TURN
+    return wrapped - TURN if wrapped > pi else wrapped
 
 
 @jit("f8, f8, f8, f8", allocates=False)

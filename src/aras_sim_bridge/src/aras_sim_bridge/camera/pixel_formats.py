@@ -44,11 +44,6 @@ def find_shape(encoding: str, height: int, width: int) -> tuple[int, ...]:
     return (height, width, 3) if colour else (height, width)
 
 
-def is_grey(encoding: str) -> bool:
-    """Return whether the sensor measures grey levels, without colour filters."""
-    return encoding.startswith("mono")
-
-
 def read_out(rgb: np.ndarray, encoding: str) -> np.ndarray:
     """Convert an rgb image (H, W, 3) uint8 to the pixels of a sensor with colour filters.
 

@@ -85,8 +85,8 @@ class CameraSensor:
         self.config = config
         self.renderer = renderer
         self.info: CameraIntrinsics = config.make_intrinsics()
-        self._is_grey = pixel_formats.is_grey(config.encoding)
-        self._link_T_optical = mounting_pose(config.xyz, config.rpy)
+        self._is_grey = config.encoding.startswith("mono")
+        self._link_T_optical = optical_pose(Pose.from_rpy(config.xyz, config.rpy).matrix())
         self._parts = make_row_bands(config.effects, config.height)
         try:
             self._full_view = self._make_row_camera(0, config.height)
@@ -375,11 +375,3 @@ class CameraSensor:
         elif around:
             _log.warning("camera '%s': %s and therefore does not see it; check the camera's pose",
                          self.config.name, inside)
-
-
-def mounting_pose(xyz: tuple[float, float, float], rpy: tuple[float, float, float]) -> np.ndarray:
-    """Return the pose link_T_optical (4, 4) of the optical frame of a sensor.
-
-    `xyz` (m) and `rpy` (fixed axes, rad) are the pose of the sensor in its link.
-    """
-    return optical_pose(Pose.from_rpy(xyz, rpy).matrix())

@@ -7,7 +7,7 @@ Units: rad or m, rad/s or m/s, N m or N.
 
 import logging
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -40,6 +40,7 @@ COMMAND_COLUMNS = {EFFORT: TAU_COMMAND, POSITION: Q_COMMAND, VELOCITY: V_COMMAND
 COMMAND_ROUNDING = 1e-6
 
 
+@dataclass(slots=True, eq=False)
 class JointHandle:
     """State and commands of one joint; the values are stored in `row`.
 
@@ -47,30 +48,19 @@ class JointHandle:
         interface: command interface of the joint's transmission.
         limits, soft_limits: the URDF's `<limit>` and `<safety_controller>`, or None. As in
             ros_controllers, controllers use these and ignore the parameters in joint_limits.
+        row: (6,) row of the robot's array; by default an array of its own.
     """
 
-    __slots__ = ("name", "kind", "interface", "limits", "soft_limits", "row")
+    name: str
+    kind: str
+    limits: JointLimits | None = None
+    soft_limits: SoftLimits | None = None
+    interface: str = STATE
+    row: np.ndarray = field(default_factory=lambda: np.zeros(HANDLE_COLUMNS))
 
     position, velocity, effort = column(Q), column(V), column(TAU)
     position_command, velocity_command = column(Q_COMMAND), column(V_COMMAND)
     effort_command = column(TAU_COMMAND)
-
-    def __init__(
-        self,
-        name: str,
-        kind: str,
-        limits: JointLimits | None = None,
-        soft_limits: SoftLimits | None = None,
-        interface: str = STATE,
-        row: np.ndarray | None = None,
-    ) -> None:
-        """Store the values in `row` (6,) of the robot's array, or in a new array if it is None."""
-        self.name = name
-        self.kind = kind
-        self.interface = interface
-        self.limits = limits
-        self.soft_limits = soft_limits
-        self.row = np.zeros(HANDLE_COLUMNS) if row is None else row
 
     @property
     def is_angular(self) -> bool:

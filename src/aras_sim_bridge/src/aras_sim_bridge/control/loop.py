@@ -7,6 +7,7 @@ import numpy as np
 
 from aras_sim_bridge.control.controllers.base import Controller
 from aras_sim_bridge.control.controllers.joint_control_loop import LOOP_COLUMNS, set_loop_commands
+from aras_sim_bridge.control.controllers.joint_state import find_next_cycle
 from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.control.manager import ControllerManager
 from aras_sim_bridge.control.switching import LoadedController
@@ -113,7 +114,7 @@ class ControlLoop:
                     return None
                 until_ns = time_ns
             elif entry.controller.is_read_only and until_ns < inf:
-                until_ns = time_ns + (int(until_ns - time_ns) // step_ns + 1) * step_ns
+                until_ns = find_next_cycle(until_ns, time_ns, step_ns)
             idle_ns = min(idle_ns, until_ns)
         for pid in self._pids:
             if pid.has_new_gains:

@@ -89,19 +89,12 @@ class Pid:
     # `integral` is the time integral of the error, not multiplied by the gain i.
     integral, command = column(_INTEGRAL), column(_COMMAND)
 
-    def __init__(
-        self,
-        p: float,
-        i: float = 0.0,
-        d: float = 0.0,
-        i_max: float = 0.0,
-        i_min: float = 0.0,
-        antiwindup: bool = False,
-    ) -> None:
+    def __init__(self, gains: PidGains) -> None:
+        """Create a PID. Raises ControllerError for gains that `set_gains` rejects."""
         self.publish_state = False
         self.on_state: Callable[[PidState], None] | None = None
         self.row = np.zeros(PID_COLUMNS)
-        self.set_gains(PidGains(p, i, d, i_max, i_min, antiwindup))
+        self.set_gains(gains)
         self._active_gains: PidGains | None = None
         self.apply_gains()
 
@@ -129,7 +122,7 @@ class Pid:
         clamp = abs(given("i_clamp", float, default=0.0))
         i_min = given("i_clamp_min", float, default=clamp)
         i_max = given("i_clamp_max", float, default=clamp)
-        pid = cls(
+        gains = PidGains(
             given("p", float),
             given("i", float, default=0.0),
             given("d", float, default=0.0),
@@ -137,6 +130,7 @@ class Pid:
             -abs(i_min),
             given("antiwindup", bool, default=False),
         )
+        pid = cls(gains)
         pid.publish_state = given("publish_state", bool, default=False)
         return pid
 

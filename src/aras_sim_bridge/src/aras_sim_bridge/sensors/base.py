@@ -56,6 +56,10 @@ class PeriodicSensor(ABC, Generic[State]):
         self._is_new = True
         self._due_ns = 0
         self._previous_state: tuple[int, State] | None = None
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Compute what all readings need; the constructor calls this last."""
 
     @property
     def on_state(self) -> Callable[[object], None] | None:

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aras_sim_bridge.description import SensorDescription
 from aras_sim_bridge.description.sensor_tags import is_same_collision
 from aras_sim_bridge.sensors.base import PeriodicSensor
-from aras_sim_bridge.world import Model, World
+from aras_sim_bridge.world import Model
 from aras_sim_bridge.world.bullet import find_contacts
 from aras_visual_servo_base.poses import Vector3
 
@@ -53,13 +52,11 @@ class ContactSensor(PeriodicSensor[None]):
     contacts of the link.
     """
 
-    def __init__(self, description: SensorDescription, model: Model, world: World, seed: int
-                 ) -> None:
-        super().__init__(description, model, world, seed)
+    def _prepare(self) -> None:
         self._links = [
-            name for name, link in model.description.links.items()
+            name for name, link in self.model.description.links.items()
             if any(is_same_collision(own_name, collision.name) for collision in link.collisions
-                   for own_name in description.collisions)
+                   for own_name in self.description.collisions)
         ]
 
     def _measure(self, before: None, time_ns: int, seconds: float) -> ContactReading:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from aras_sim_bridge.description import SensorDescription
 from aras_sim_bridge.sensors.base import PeriodicSensor
-from aras_sim_bridge.world import Model, World
 
 
 @dataclass(frozen=True)
@@ -22,10 +20,8 @@ class JointStateReading:
 class JointStateSensor(PeriodicSensor[None]):
     """Sensor of exact joint positions and velocities; like the plug-in, it reports no efforts."""
 
-    def __init__(self, description: SensorDescription, model: Model, world: World, seed: int
-                 ) -> None:
-        super().__init__(description, model, world, seed)
-        self._slots = [model.joint_names.index(name) for name in description.joints]
+    def _prepare(self) -> None:
+        self._slots = [self.model.joint_names.index(name) for name in self.description.joints]
 
     def _measure(self, before: None, time_ns: int, seconds: float) -> JointStateReading:
         positions, velocities, _ = self.model.read_joints()

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from aras_sim_bridge.description import SensorDescription
 from aras_sim_bridge.description.sensor_tags import WORLDS
 from aras_sim_bridge.sensors.base import PeriodicSensor
-from aras_sim_bridge.world import Model, World
 from aras_visual_servo_base.poses import (
     Pose,
     Quaternion,
@@ -81,11 +79,9 @@ class Imu(PeriodicSensor[Vector3]):
     rate at which readings are published. If it is 0, the average is over one physics step.
     """
 
-    def __init__(self, description: SensorDescription, model: Model, world: World, seed: int
-                 ) -> None:
-        super().__init__(description, model, world, seed)
-        self._link_T_imu = Pose.from_rpy(*description.pose)
-        rate = description.sample_rate
+    def _prepare(self) -> None:
+        self._link_T_imu = Pose.from_rpy(*self.description.pose)
+        rate = self.description.sample_rate
         self._span_ns = round(1e9 / rate) if rate > 0.0 else 0
         self._start = self._read_motion()[0]
 

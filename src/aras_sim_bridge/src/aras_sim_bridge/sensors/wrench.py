@@ -11,10 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aras_sim_bridge.description import SensorDescription
 from aras_sim_bridge.description.inertia import inertia_tensor
 from aras_sim_bridge.sensors.base import PeriodicSensor
-from aras_sim_bridge.world import Model, World
 from aras_sim_bridge.world.bullet import find_contacts
 from aras_visual_servo_base.poses import Pose, Vector3
 
@@ -42,11 +40,9 @@ class WrenchSensor(PeriodicSensor[np.ndarray]):
     follows. It includes the effort of the joint's drive.
     """
 
-    def __init__(self, description: SensorDescription, model: Model, world: World, seed: int
-                 ) -> None:
-        super().__init__(description, model, world, seed)
-        joints = model.description.joints
-        self._joint = joints[description.joint]
+    def _prepare(self) -> None:
+        joints = self.model.description.joints
+        self._joint = joints[self.description.joint]
         self._carried_links = [self._joint.child]
         for link in self._carried_links:
             self._carried_links += [

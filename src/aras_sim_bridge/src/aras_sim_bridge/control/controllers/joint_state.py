@@ -116,7 +116,7 @@ class JointStateController(Controller):
         """
         found: list[int] = []
         due_ns = self._due_ns
-        while (tick_ns := max(_find_next_cycle(due_ns, time_ns, step_ns), time_ns)) <= until_ns:
+        while (tick_ns := max(find_next_cycle(due_ns, time_ns, step_ns), time_ns)) <= until_ns:
             found.append(tick_ns)
             due_ns = self._start_ns + (self._periods + 1 + len(found)) * self._step_ns
             time_ns = tick_ns + step_ns
@@ -141,7 +141,7 @@ class JointStateController(Controller):
         )
 
 
-def _find_next_cycle(due_ns: float, time_ns: int, step_ns: int) -> int:
+def find_next_cycle(due_ns: float, time_ns: int, step_ns: int) -> int:
     """Return the first time after `due_ns` among time_ns + k step_ns, where k is any integer."""
     return time_ns + (int(due_ns - time_ns) // step_ns + 1) * step_ns
 

@@ -1,4 +1,4 @@
-"""Action servers of controllers, based on actionlib."""
+"""Action servers of controllers, based on actionlib; trajectory.py contains another one."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import ClassVar
 
 from actionlib.action_server import ActionServer
 from actionlib.server_goal_handle import ServerGoalHandle
+from control_msgs.msg import GripperCommandAction, GripperCommandGoal, GripperCommandResult
 from genpy import Message
 
 from aras_sim_bridge.control.controllers.action_controller import (
@@ -17,7 +18,7 @@ from aras_sim_bridge.control.controllers.action_controller import (
     SUCCEEDED,
     GoalHandle,
 )
-from aras_sim_bridge.control.controllers.gripper import GripperActionController
+from aras_sim_bridge.control.controllers.gripper import GripperActionController, GripperGoal
 from aras_sim_bridge.control.controllers.joint_trajectory_controller import (
     JointTrajectoryController,
 )
@@ -113,3 +114,20 @@ class ControllerActionServer(ABC):
         handle = self._goals.get(goal.get_goal_id().id)
         if handle is not None:
             self._controller.cancel_goal(handle)
+
+
+class GripperActionServer(ControllerActionServer):
+    """Action gripper_cmd of a gripper controller; as in ros_controllers, it has no feedback."""
+
+    action, topic = GripperCommandAction, "gripper_cmd"
+
+    def make_goal(self, message: GripperCommandGoal) -> GripperGoal:
+        """Convert a goal message to a goal of the controller."""
+        return GripperGoal(message.command.position, message.command.max_effort)
+
+    def make_result(self, handle: GoalHandle) -> tuple[GripperCommandResult, str]:
+        """Return the result message and status text of a finished goal."""
+        result = handle.result
+        message = GripperCommandResult(result.position, result.effort, result.stalled,
+                                       result.reached_goal)
+        return message, result.text

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from typing import TypeVar
 
 from controller_manager_msgs.msg import ControllerState, HardwareInterfaceResources
@@ -53,9 +54,7 @@ class ManagerServices:
         self._thread = thread
         self._namespace = robot.namespace.rstrip("/")
         self._topics: dict[str, ControllerTopics] = {}
-        self._joint_pids: list[PidTopics] = []
-        self._e_stop: CommandSubscriber | None = None
-        self._services: ServiceTable | None = None
+        self._cleanup = ExitStack()  # closes everything but the topics of controllers
         try:
             self._advertise()
         except Exception:
@@ -66,26 +65,25 @@ class ManagerServices:
         pids = self._thread.call(lambda: dict(self._robot.hardware.pids))
         for joint, pid in pids.items():
             namespace = f"{self._namespace}/gazebo_ros_control/pid_gains/{joint}"
-            self._joint_pids.append(PidTopics(namespace, pid, self._thread))
+            self._cleanup.callback(PidTopics(namespace, pid, self._thread).shutdown)
         plugins = self._robot.model.description.control_plugins
         e_stop_topics = [plugin.e_stop_topic for plugin in plugins if plugin.e_stop_topic]
         if e_stop_topics:
             topic = resolve_name(self._namespace, e_stop_topics[0])
-            self._e_stop = CommandSubscriber(topic, Bool, self._set_e_stop, self._thread)
-        self._services = ServiceTable(
+            e_stop = CommandSubscriber(topic, Bool, self._set_e_stop, self._thread)
+            self._cleanup.callback(e_stop.shutdown)
+        services = ServiceTable(
             f"{self._namespace}/controller_manager",
             self._thread,
             *find_handlers(self),
             call_lock=threading.Lock(),  # like ros_control, serve one call at a time
         )
+        self._cleanup.callback(services.shutdown)
 
     def shutdown(self) -> None:
         """Shut down all services and topics."""
-        if self._services is not None:
-            self._services.shutdown()
-        if self._e_stop is not None:
-            self._e_stop.shutdown()
-        for topics in [*self._topics.values(), *self._joint_pids]:
+        self._cleanup.close()
+        for topics in self._topics.values():
             topics.shutdown()
         self._restart_record.set_controllers(self._namespace, [])
         self._topics.clear()

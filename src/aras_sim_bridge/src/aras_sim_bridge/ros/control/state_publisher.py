@@ -13,7 +13,7 @@ from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.sensors import PeriodicSensor
 
 
-class StatePublisher:
+class StatePublisher(NonBlockingPublisher):
     """Topic with the states that a source passes to its function `on_state`.
 
     The source computes states only while the topic has subscribers; otherwise `on_state` is None.
@@ -37,24 +37,18 @@ class StatePublisher:
         self._fill = fill
         self._thread = thread
         self._message = message()
-        self._publisher: NonBlockingPublisher | None = None
-        self._publisher = NonBlockingPublisher(
-            topic, message, queue_size, on_change=self._on_subscribers
-        )
-        self._on_subscribers()
+        super().__init__(topic, message, queue_size, on_change=self._on_subscribers)
 
     def shutdown(self) -> None:
         """Unregister the topic."""
-        self._publisher.unregister()
-        self._on_subscribers()
+        self.unregister()
 
     def _on_subscribers(self) -> None:
         self._thread.post(self._update_listener)
 
     def _update_listener(self) -> None:
-        has_subscribers = self._publisher is not None and self._publisher.subscriber_count > 0
-        self._source.on_state = self._publish if has_subscribers else None
+        self._source.on_state = self._publish_state if self.subscriber_count else None
 
-    def _publish(self, state: object) -> None:
+    def _publish_state(self, state: object) -> None:
         self._fill(self._message, state)
-        self._publisher.publish(self._message)
+        self.publish(self._message)

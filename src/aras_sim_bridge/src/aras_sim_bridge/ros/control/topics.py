@@ -17,8 +17,10 @@ from trajectory_msgs.msg import JointTrajectory
 from aras_sim_bridge.control.controllers import Controller, base
 from aras_sim_bridge.control.pid import Pid, PidGains
 from aras_sim_bridge.ros.control.command_subscriber import CommandSubscriber
-from aras_sim_bridge.ros.control.controller_action_server import ControllerActionServer
-from aras_sim_bridge.ros.control.gripper import GripperActionServer
+from aras_sim_bridge.ros.control.controller_action_server import (
+    ControllerActionServer,
+    GripperActionServer,
+)
 from aras_sim_bridge.ros.control.state_publisher import StatePublisher
 from aras_sim_bridge.ros.control.trajectory import (
     TrajectoryActionServer,

@@ -181,8 +181,6 @@ class RateLimitedEvent:
     simulated times.
     """
 
-    __slots__ = ("row",)
-
     def __init__(self, patience: float = 0.0, quiet: float = 1.0,
                  row: np.ndarray | None = None) -> None:
         """Store the state in `row` (5,), a slice of a larger array; if None, in a new array."""

@@ -81,8 +81,6 @@ class LimitRule:
       and differs from the measured velocity by at most max_acceleration · dt.
     """
 
-    __slots__ = ("row",)
-
     kind = column(_KIND)
 
     def __init__(self, kind: int, limits: JointBounds, handle: JointHandle,

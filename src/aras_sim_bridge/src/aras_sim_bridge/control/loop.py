@@ -24,10 +24,6 @@ class ControlLoop:
     physics step.
     """
 
-    __slots__ = ("hardware", "manager", "_step_ns", "_control_ns", "_updated_ns", "_written_ns",
-                 "_loops", "_running",
-                 "_compiled_controllers", "_other_entries", "_pids")
-
     def __init__(
         self, hardware: RobotHardware, manager: ControllerManager, step_ns: int,
         control_period_ns: int | None = None,

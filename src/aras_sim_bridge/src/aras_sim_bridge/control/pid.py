@@ -84,8 +84,6 @@ class Pid:
     computation. `on_state`, if set, is called with a PidState after each computation.
     """
 
-    __slots__ = ("gains", "publish_state", "on_state", "row", "has_new_gains", "_active_gains")
-
     # `integral` is the time integral of the error, not multiplied by the gain i.
     integral, command = column(_INTEGRAL), column(_COMMAND)
 

@@ -73,8 +73,6 @@ class CommandInterpolator:
     commanded speed or more.
     """
 
-    __slots__ = ("row",)
-
     is_moving, value = column(IS_MOVING), column(_VALUE)
 
     def __init__(self, handle: JointHandle, row: np.ndarray | None = None) -> None:

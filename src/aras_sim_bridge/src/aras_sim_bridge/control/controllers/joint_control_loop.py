@@ -64,16 +64,6 @@ class JointControlLoop:
     shortest rotation that the limits allow.
     """
 
-    __slots__ = (
-        "handle",
-        "pid",
-        "row",
-        "_kind",
-        "_limit_event",
-        "_label",
-        "_interpolation",
-    )
-
     set_point, error, output = column(_SET_POINT), column(_ERROR), column(_OUTPUT)
     updates = column(_UPDATES)
 

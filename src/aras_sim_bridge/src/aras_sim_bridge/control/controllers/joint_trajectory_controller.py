@@ -49,8 +49,6 @@ _NS_PER_S = 1_000_000_000
 class _Timer:
     """Timer with an exact average rate: if last + 1/rate < now, it fires and last += 1/rate."""
 
-    __slots__ = ("_step_ns", "_last_ns")
-
     def __init__(self, rate: float) -> None:
         self._step_ns = _NS_PER_S / rate if rate > 0.0 else 0.0
 

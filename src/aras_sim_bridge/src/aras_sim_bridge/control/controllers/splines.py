@@ -68,9 +68,6 @@ class SplineSegment:
         goal: action goal to which the segment and its tolerances belong, or None.
     """
 
-    __slots__ = ("start_ns", "end_ns", "duration", "coefficients", "time_from_start", "goal",
-                 "path_tolerance", "goal_tolerance", "goal_time_ns")
-
     def __init__(self, start_ns: int, start: Waypoint, end_ns: int, end: Waypoint) -> None:
         self.start_ns = start_ns
         self.end_ns = end_ns

@@ -139,28 +139,26 @@ class BackgroundWorker:
         """Start the thread; it calls `work` with each item, and at most `backlog` items wait."""
         self._work = work
         self._items = collections.deque[tuple[Header, CameraReading]](maxlen=backlog)
-        self._condition = threading.Event()
+        self._wake_up = threading.Event()
         self._stopped = False
         threading.Thread(target=self._run, name=name, daemon=True).start()
 
     def put(self, item: tuple[Header, CameraReading]) -> None:
         """Add an item to the queue without waiting; if the queue is full, drop its oldest item."""
         self._items.append(item)
-        self._condition.set()
+        self._wake_up.set()
 
     def stop(self) -> None:
         """End the thread and drop the waiting items; may be called from any thread."""
         self._stopped = True
-        self._condition.set()
+        self._wake_up.set()
 
     def _run(self) -> None:
-        while True:
-            self._condition.wait()
-            self._condition.clear()
+        while not self._stopped:
+            self._wake_up.wait()
+            self._wake_up.clear()
             while self._items and not self._stopped:
                 self._work(self._items.popleft())
-            if self._stopped:
-                return
 
 
 def _read_parameters(topic: str) -> dict[str, Value]:

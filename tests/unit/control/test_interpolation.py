@@ -4,7 +4,12 @@ from math import pi
 
 import pytest
 
-from aras_sim_bridge.control.controllers.interpolation import CommandInterpolator
+from aras_sim_bridge.control.controllers.interpolation import (
+    IS_MOVING,
+    CommandInterpolator,
+    advance_interpolation,
+    set_interpolation_target,
+)
 from aras_sim_bridge.control.joints import JointHandle
 from aras_sim_bridge.description import JointLimits
 
@@ -21,8 +26,8 @@ def follow(it, commands, ms, period=0.001):
     values = []
     for k in range(1, ms + 1):
         if k in commands:
-            it.set_target(commands[k], k * MS)
-        values.append(it.advance(period) if it.is_moving else it.value)
+            set_interpolation_target(it.row, commands[k], k * MS)
+        values.append(advance_interpolation(it.row, period) if it.row[IS_MOVING] else it.value)
     return values
 
 
@@ -86,7 +91,7 @@ def test_pauses_and_a_clock_set_back_do_not_change_the_interval():
     for again_ms in (400, 700_000, -300):
         it = interpolation()
         values = follow(it, {k: 0.0 for k in range(1, 600, 10)}, 700)
-        it.set_target(0.01, 700 * MS + again_ms * MS)
+        set_interpolation_target(it.row, 0.01, 700 * MS + again_ms * MS)
         values = follow(it, {}, 40)
         # Over 10 ms, not over 33 or 100.
         assert values[8] == pytest.approx(0.01 * (9 - 3 * (1 - 0.75**9)) / 10.0, rel=0.01)
@@ -97,9 +102,9 @@ def test_the_set_point_does_not_depend_on_the_control_period():
     """Lines in time, not in cycles: after 20 ms of 1 ms or 5 ms cycles, the same place."""
     fine, coarse = interpolation(), interpolation()
     for it, period in ((fine, 0.001), (coarse, 0.005)):
-        it.set_target(0.1, MS)
+        set_interpolation_target(it.row, 0.1, MS)
         for _ in range(round(0.020 / period)):
-            it.advance(period)
+            advance_interpolation(it.row, period)
     assert coarse.value == pytest.approx(fine.value, abs=0.1 * 0.002 / 0.033)
 
 

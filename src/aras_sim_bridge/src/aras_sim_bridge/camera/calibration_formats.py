@@ -26,6 +26,7 @@ from ..errors import CameraError, DescriptionError
 from .calibration import Calibration, check_finite, find_distortion_model
 
 CameraReaders = dict[str, Callable[[], Calibration]]
+Reader = Callable[[str, str], CameraReaders | None]
 NAME = "camera"  # name of the camera if the calibration file gives none
 # For OpenCV's files: names of the camera matrix (MATRICES) and of the distortion (DISTORTIONS), in
 # lower case and without underscores. Each name is mapped to the number of the camera in a stereo
@@ -313,23 +314,12 @@ def _read_size(data: Mapping[str, Any], key: str, where: str) -> int:
     return value
 
 
-def _is_xml(text: str) -> bool:
-    return text.lstrip().startswith("<")
-
-
-def _is_opencv(text: str) -> bool:
-    return text.startswith("%YAML") or re.search("opencv-(nd-)?matrix", text) is not None
-
-
-def _is_ini(text: str) -> bool:
-    return re.search(r"^\[image\]\s*$", text, re.MULTILINE) is not None
-
-
-def _is_yaml(text: str) -> bool:
-    return not (_is_xml(text) or _is_opencv(text) or _is_ini(text))
-
-
-FORMATS: tuple[tuple[Callable[[str], bool], Callable[[str, str], CameraReaders | None]], ...] = (
-    (_is_xml, read_visp), (_is_xml, read_opencv), (_is_xml, refuse_xml), (_is_opencv, read_opencv),
-    (_is_ini, read_ros_ini), (_is_yaml, read_kalibr), (_is_yaml, read_ros),
-)  # fmt: skip
+def find_readers(text: str) -> tuple[Reader, ...]:
+    """Return the readers for the format of a text, in the order in which they are to be tried."""
+    if text.lstrip().startswith("<"):
+        return read_visp, read_opencv, refuse_xml
+    if text.startswith("%YAML") or re.search("opencv-(nd-)?matrix", text):
+        return (read_opencv,)
+    if re.search(r"^\[image\]\s*$", text, re.MULTILINE):
+        return (read_ros_ini,)
+    return read_kalibr, read_ros

@@ -82,11 +82,9 @@ def find_calibration(text: str, path: Path, camera: str) -> Calibration | None:
     Raises:
         CameraError: the calibration is invalid, or `camera` does not select one of its cameras.
     """
-    from .calibration_formats import FORMATS
+    from .calibration_formats import find_readers
 
-    for detect, read in FORMATS:
-        if not detect(text):
-            continue
+    for read in find_readers(text):
         known = read(text, str(path))
         if known is None:
             continue

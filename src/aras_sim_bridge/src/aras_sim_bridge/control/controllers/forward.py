@@ -22,7 +22,7 @@ from aras_sim_bridge.control.controllers.joint_control_loop import (
 )
 from aras_sim_bridge.control.controllers.registry import register
 from aras_sim_bridge.control.hardware import RobotHardware
-from aras_sim_bridge.control.joints import COMMAND_COLUMNS, EFFORT, POSITION, VELOCITY
+from aras_sim_bridge.control.joints import EFFORT, POSITION, VELOCITY
 from aras_sim_bridge.control.pid import Pid
 from aras_sim_bridge.errors import ControllerError
 from aras_visual_servo_base.settings import read
@@ -56,12 +56,12 @@ class JointCommandController(Controller):
         else:
             self.joints = (read(parameters, "joint", str, context.where, ControllerError),)
         handles = [self.take_handle(hardware, joint) for joint in self.joints]
-        known, target = list(hardware.handles), COMMAND_COLUMNS[self.interface]
+        known = list(hardware.handles)
         self._handles = hardware.handle_rows
         self.rows = np.zeros((len(handles), LOOP_COLUMNS))
         self.loops = [
             JointControlLoop(
-                row, self.loop_kind, handle, known.index(handle.name), target, context.name,
+                row, self.loop_kind, handle, known.index(handle.name), context.name,
                 **self._make_loop_options(handle.name, parameters),
             )
             for row, handle in zip(self.rows, handles, strict=True)

@@ -71,9 +71,12 @@ class CommandInterpolator:
     If commands arrive regularly, the set point lags them by one interval and 3 ms. Extrapolating
     the commands would reduce this lag, but the joint would oscillate at up to 2.5 times the
     commanded speed or more.
+
+    Compiled code calls `set_interpolation_target` for each command and, while row[IS_MOVING] is
+    not 0, `advance_interpolation` in each cycle.
     """
 
-    is_moving, value = column(IS_MOVING), column(_VALUE)
+    value = column(_VALUE)
 
     def __init__(self, handle: JointHandle, row: np.ndarray | None = None) -> None:
         """Store the state in `row` (14,), part of a JointControlLoop's row; None: a new array."""
@@ -90,14 +93,6 @@ class CommandInterpolator:
         """Rest at `position` and discard the statistics of previous commands."""
         self.row[: _RATE + 1] = 0.0, 0.0, position, position, position, 0.0
         self.row[_INTERVAL : _ARRIVAL + 1] = USUAL_INTERVAL, 0.0, nan, nan
-
-    def set_target(self, command: float, time_ns: int) -> None:
-        """Move towards a command that arrived at `time_ns` of simulated time."""
-        set_interpolation_target(self.row, command, time_ns)
-
-    def advance(self, period: float) -> float:
-        """Return the set point `period` s after the last one; call this only while `is_moving`."""
-        return advance_interpolation(self.row, period)
 
 
 @jit("f8[::1], f8, f8", allocates=False)

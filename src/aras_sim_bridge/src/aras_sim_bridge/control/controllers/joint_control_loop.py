@@ -15,6 +15,7 @@ from aras_sim_bridge.control.controllers.interpolation import (
     set_interpolation_target,
 )
 from aras_sim_bridge.control.joints import (
+    COMMAND_COLUMNS,
     COMMAND_ROUNDING,
     Q_COMMAND,
     JointHandle,
@@ -73,7 +74,6 @@ class JointControlLoop:
         kind: int,
         handle: JointHandle,
         index: int,
-        target: int,
         label: str,
         pid: Pid | None = None,
         interpolate: bool = False,
@@ -82,13 +82,14 @@ class JointControlLoop:
 
         Args:
             index: index of the handle among the robot's handles.
-            target: column of the handle's row to which the output is written.
             label: name of the controller in log lines.
         """
         self.handle, self.pid, self.row, self._kind = handle, pid, row, kind
         self._label = label
         travel = handle.position_limits if kind == POSITION_PID else None
-        row[_HANDLE : _UPPER + 1] = index, target, kind, handle.is_angular, *(travel or (-inf, inf))
+        row[_HANDLE], row[_TARGET], row[_KIND] = index, COMMAND_COLUMNS[handle.interface], kind
+        row[_IS_ANGULAR] = handle.is_angular
+        row[_LOWER], row[_UPPER] = travel or (-inf, inf)
         row[_INTERPOLATES] = interpolate
         self._interpolation = CommandInterpolator(handle, row[_INTERPOLATION:])
         if pid is not None:

@@ -101,7 +101,6 @@ def set_link_properties(simulation: Simulation, request: SetLinkProperties) -> F
     model, link = entities.find_link(simulation, request.link_name)
     changed = change_link(model.description, link, request.mass, com, inertia, request.gravity_mode)
     simulation.world.change_model(model.name, changed)
-    return None
 
 
 @service_handler(GetJointProperties, "got properties")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 from xml.etree.ElementTree import Element
 
@@ -48,7 +49,7 @@ class ModelServices:
         """
         self._forces = forces
         self._device_interfaces = device_interfaces
-        self._call_counts: dict[str, int] = {}
+        self._call_counts: Counter[str] = Counter()
 
     @service_handler(SpawnModel, in_caller_thread=True)
     def spawn_urdf_model(self, thread: SimulationThread, request: SpawnModel) -> Fields:
@@ -99,12 +100,7 @@ class ModelServices:
         def job() -> None:
             frame, _ = entities.find_frame(thread.simulation, request.reference_frame)
             thread.simulation.spawn(
-                description,
-                name,
-                pose=frame @ pose,
-                namespace=namespace,
-                parameters=parameters,
-                cameras=presets,
+                description, name, frame @ pose, namespace, parameters, cameras=presets
             )
 
         thread.call(job, SPAWN_TIMEOUT)
@@ -134,12 +130,12 @@ class ModelServices:
         root = model.description.root
         frame, frame_twist = entities.find_frame(simulation, request.relative_entity_name)
         pose, twist = entities.express_in_frame(*model.link_state(root), frame, frame_twist)
-        calls = self._call_counts[request.model_name] = (
-            self._call_counts.get(request.model_name, 0) + 1
-        )
+        self._call_counts[request.model_name] += 1
         stamp = conversions.to_time(simulation.time_ns)
         return {
-            "header": Header(calls, stamp, request.relative_entity_name),
+            "header": Header(
+                self._call_counts[request.model_name], stamp, request.relative_entity_name
+            ),
             "pose": conversions.to_pose(pose),
             "twist": conversions.to_twist(twist),
         }
@@ -149,7 +145,6 @@ class ModelServices:
 def set_model_state(simulation: Simulation, request: SetModelState) -> Fields:
     """Set pose and twist of a model."""
     move_model(simulation, request.model_state)
-    return None
 
 
 def move_model(simulation: Simulation, state: ModelState) -> None:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from aras_sim_bridge.ros.runtime.pacing import BATCH_NS, Pacer, RealTimeFactorMeter
+from aras_sim_bridge.ros.runtime.pacing import BATCH_NS, Pacer
 
 MS = 1_000_000
 
@@ -89,10 +89,6 @@ def test_the_factor_that_came_out_is_measured_in_windows(wall):
     wall.now += 2.5
     pacer.find_due_time(1000 * MS)
     assert pacer.real_time_factor == pytest.approx(0.4)
-    meter = RealTimeFactorMeter(wall)
-    wall.now += 2.5
-    meter.update(1000 * MS, 0.0)
-    assert meter.value == 0.4
 
 
 @pytest.mark.parametrize(("factor", "reached_ms", "warned"), [

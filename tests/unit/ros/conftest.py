@@ -488,9 +488,8 @@ def api(graph: Graph, thread: SimulationThread) -> SimpleNamespace:
         sync=lambda: it.graph_synced.append(len(thread.simulation.world.models)),
         restart_record=RestartRecord(True),
     )
-    it.states = advertise_gazebo_api(
-        thread, on_graph, lambda: it.resets.append(thread.simulation.time_ns)
-    )
+    thread.on_time_reset = lambda: it.resets.append(thread.simulation.time_ns)
+    it.states = advertise_gazebo_api(thread, on_graph)
     thread.batch_hooks.append(lambda _time_ns: it.states.after_batch(thread.simulation))
     return it
 

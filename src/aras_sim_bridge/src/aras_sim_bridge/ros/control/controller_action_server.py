@@ -37,6 +37,7 @@ class _SimTimeActionServer(ActionServer):
         super().__init__(*args, auto_start=False)
 
     def initialize(self) -> None:
+        """Advertise the topics; the stamps that actionlib sets from rospy's clock are replaced."""
         super().initialize()
         for publisher in (self.status_pub, self.result_pub, self.feedback_pub):
             publisher.publish = partial(self._stamp_and_publish, publisher.publish)

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from aras_sim_bridge.ros.gazebo_api import attacher, lights, links, model_services, stepping, world
 from aras_sim_bridge.ros.gazebo_api.forces import AppliedForces
 from aras_sim_bridge.ros.gazebo_api.model_services import ModelServices
 from aras_sim_bridge.ros.gazebo_api.physics_properties import PhysicsProperties
 from aras_sim_bridge.ros.gazebo_api.states import ModelStateTopics, subscribe_states
-from aras_sim_bridge.ros.gazebo_api.world import TimeReset
 from aras_sim_bridge.ros.runtime.device_interfaces import DeviceInterfaces
 from aras_sim_bridge.ros.runtime.services import ServiceTable, find_handlers
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
@@ -20,7 +17,6 @@ NAMESPACE = "/gazebo"
 def advertise_gazebo_api(
     thread: SimulationThread,
     device_interfaces: DeviceInterfaces,
-    on_time_reset: Callable[[], None],
     extra: bool = True,
     link_attacher: bool = False,
 ) -> ModelStateTopics:
@@ -29,7 +25,6 @@ def advertise_gazebo_api(
     Args:
         thread: simulation thread.
         device_interfaces: ROS interfaces of the robots, cameras and sensors.
-        on_time_reset: function that the simulation thread calls after a reset of simulated time.
         extra: whether to add topics and services that are not part of gazebo_ros's API.
         link_attacher: whether to offer the services of the plug-in gazebo_ros_link_attacher.
     """
@@ -37,8 +32,7 @@ def advertise_gazebo_api(
     forces = AppliedForces(thread)
     spawned = ModelServices(forces, device_interfaces)
     physics = PhysicsProperties(NAMESPACE, thread)
-    reset = TimeReset(on_time_reset)
-    places = [lights, links, model_services, world, forces, spawned, physics, reset]
+    places = [lights, links, model_services, world, forces, spawned, physics]
     if extra:
         places.append(stepping)
     ServiceTable(NAMESPACE, thread, *find_handlers(*places))

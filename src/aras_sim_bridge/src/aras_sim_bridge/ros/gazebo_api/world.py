@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from gazebo_msgs.srv import GetWorldProperties
 from std_srvs.srv import Empty
 
@@ -40,23 +38,13 @@ def get_world_properties(simulation: Simulation, _request: GetWorldProperties) -
     }
 
 
-class TimeReset:
-    """Service that resets the simulation including its time."""
+@service_handler(Empty, in_caller_thread=True, call_fails=True)
+def reset_simulation(thread: SimulationThread, _request: Empty) -> Fields:
+    """Reset models, joints, controllers and time to their initial state."""
 
-    def __init__(self, on_time_reset: Callable[[], None]) -> None:
-        """Create the service handler.
+    def job() -> None:
+        thread.simulation.reset_simulation()
+        thread.pacer.restart(thread.simulation.time_ns)
+        thread.on_time_reset()
 
-        The simulation thread calls `on_time_reset` after each reset.
-        """
-        self._on_time_reset = on_time_reset
-
-    @service_handler(Empty, in_caller_thread=True, call_fails=True)
-    def reset_simulation(self, thread: SimulationThread, _request: Empty) -> Fields:
-        """Reset models, joints, controllers and time to their initial state."""
-
-        def job() -> None:
-            thread.simulation.reset_simulation()
-            thread.pacer.restart(thread.simulation.time_ns)
-            self._on_time_reset()
-
-        thread.call(job)
+    thread.call(job)

@@ -67,6 +67,7 @@ class GazeboNode:
             on_fault=self._on_fault,
             paused=True,  # simulated time starts after all topics and services are advertised
         )
+        self.thread.on_time_reset = self._on_time_reset
         self.lockstep: Lockstep | None = None
         if parameters.speed_mode == "lockstep":
             self.lockstep = self.thread.lockstep = Lockstep(
@@ -81,8 +82,8 @@ class GazeboNode:
         self.device_interfaces = DeviceInterfaces(self.thread, before_frame, self.restart_record)
         if parameters.enable_ros_network:
             self._states = advertise_gazebo_api(
-                self.thread, self.device_interfaces, self.on_time_reset,
-                parameters.extra_interfaces, self.world_file.link_attacher,
+                self.thread, self.device_interfaces, parameters.extra_interfaces,
+                self.world_file.link_attacher,
             )
             settings.mount_world_cameras(self.thread)
             self.device_interfaces.sync()
@@ -90,8 +91,7 @@ class GazeboNode:
         if not parameters.paused:
             self.thread.unpause()
 
-    def on_time_reset(self) -> None:
-        """Restart clock and lockstep after a reset of time; called in the simulation thread."""
+    def _on_time_reset(self) -> None:
         self.clock.restart()
         if self.lockstep is not None:
             self.lockstep.end_round()

@@ -22,42 +22,6 @@ WARN_BELOW = 0.95  # fraction of the desired real-time factor below which a warn
 WARN_PERIOD = 10.0  # shortest time between two warnings about the real-time factor, s of wall time
 
 
-class RealTimeFactorMeter:
-    """Meter of the real-time factor (simulated time over wall time); warns if it is too low."""
-
-    def __init__(self, clock: Callable[[], float]) -> None:
-        """Create a meter; `clock` returns the wall time, s."""
-        self.value = 0.0
-        self._clock = clock
-        self._last_warning = -WARN_PERIOD
-        self.restart(0)
-
-    def restart(self, time_ns: int) -> None:
-        """Start a new measurement window at the simulated time `time_ns`."""
-        self._wall = self._clock()
-        self._time_ns = time_ns
-
-    def update(self, time_ns: int, desired: float) -> None:
-        """Update the measured factor; `time_ns` is the simulated time reached so far.
-
-        A warning is logged if the factor is too far below `desired`; 0 disables the warning.
-        """
-        now = self._clock()
-        elapsed = now - self._wall
-        if elapsed < WINDOW:
-            return
-        self.value = (time_ns - self._time_ns) / 1e9 / elapsed
-        self.restart(time_ns)
-        if self.value < WARN_BELOW * desired and now - self._last_warning >= WARN_PERIOD:
-            self._last_warning = now
-            log.warning(
-                "the simulation is too slow: its real-time factor is %.2f instead of %g; free the "
-                "processor, lower the rate or size of the cameras, or set speed_mode to max",
-                self.value,
-                desired,
-            )
-
-
 class Pacer:
     """Pacer that advances simulated time `factor` times as fast as wall time.
 
@@ -68,19 +32,16 @@ class Pacer:
     Attributes:
         factor: desired real-time factor; 0 means as fast as possible. Call `set_factor` to change
             it.
+        real_time_factor: real-time factor measured over the last WINDOW seconds.
     """
 
     def __init__(self, factor: float = 1.0, clock: Callable[[], float] = time.monotonic) -> None:
         """Create a pacer; `clock` returns the wall time, s."""
         self.factor = factor
+        self.real_time_factor = 0.0
         self._clock = clock
-        self._meter = RealTimeFactorMeter(clock)
+        self._last_warning = -WARN_PERIOD
         self.restart(0)
-
-    @property
-    def real_time_factor(self) -> float:
-        """Real-time factor measured over the last WINDOW seconds."""
-        return self._meter.value
 
     def set_factor(self, factor: float, time_ns: int) -> None:
         """Change the desired factor from the simulated time `time_ns` on."""
@@ -91,7 +52,7 @@ class Pacer:
         """Align the simulated time `time_ns` with the current wall time, e.g. after a pause."""
         self._wall = self._clock()
         self._start_ns = time_ns
-        self._meter.restart(time_ns)
+        self._window_wall, self._window_ns = self._wall, time_ns
 
     def find_due_time(
         self, time_ns: int, event_ns: int | None = None, group_ns: int = BATCH_NS
@@ -107,7 +68,7 @@ class Pacer:
                 due as soon as the time is reached; None if there is no exposure.
             group_ns: simulated time of a group of steps, ns.
         """
-        self._meter.update(time_ns, self.factor)
+        self._measure_factor(time_ns)
         if self.factor <= 0.0:
             return (time_ns // group_ns + 1) * group_ns
         target = self._compute_target()
@@ -131,6 +92,24 @@ class Pacer:
         if event_ns is not None and event_ns > time_ns:
             next_ns = min(next_ns, event_ns)
         return (next_ns - self._compute_target()) / 1e9 / self.factor
+
+    def _measure_factor(self, time_ns: int) -> None:
+        """Measure the real-time factor if WINDOW is over; log a warning if it is too low."""
+        now = self._clock()
+        elapsed = now - self._window_wall
+        if elapsed < WINDOW:
+            return
+        self.real_time_factor = (time_ns - self._window_ns) / 1e9 / elapsed
+        self._window_wall, self._window_ns = now, time_ns
+        is_slow = self.real_time_factor < WARN_BELOW * self.factor
+        if is_slow and now - self._last_warning >= WARN_PERIOD:
+            self._last_warning = now
+            log.warning(
+                "the simulation is too slow: its real-time factor is %.2f instead of %g; free the "
+                "processor, lower the rate or size of the cameras, or set speed_mode to max",
+                self.real_time_factor,
+                self.factor,
+            )
 
     def _compute_target(self) -> int:
         elapsed = self._clock() - self._wall

@@ -116,7 +116,7 @@ class ServiceTable:
 
         def serve(request: Message) -> Message:
             with self._call_lock:
-                return call_handler(handler, request, name, self._thread)
+                return self._call(handler, request, name)
 
         self._services.append(rospy.Service(name, policy.service, serve))
 
@@ -126,39 +126,36 @@ class ServiceTable:
             service.shutdown("no longer served")
         self._services.clear()
 
+    def _call(self, handler: Handler, request: Message, name: str) -> Message:
+        """Call a handler and return its response, or the response that reports its error.
 
-def call_handler(
-    handler: Handler, request: Message, name: str, thread: SimulationThread
-) -> Message:
-    """Call a handler and return its response, or the response that reports its error.
+        `name` is the name of the service, for log messages.
 
-    `name` is the name of the service, for log messages.
-
-    Raises:
-        rospy.ServiceException: the handler failed and its policy is `call_fails`.
-    """
-    policy: ServicePolicy = handler.policy
-    try:
-        if policy.in_caller_thread:
-            fields = handler(thread, request)
-        else:
-            fields = thread.call(lambda: handler(thread.simulation, request))
-        return policy.make_response(fields)
-    except SimError as error:
-        text = f"{policy.type_name}: {error}"
-        # Do not log an error for calls that are refused during shutdown: spawners normally unload
-        # their controllers after Ctrl-C.
-        write_log = rospy.logdebug if str(error) == SHUTTING_DOWN else rospy.logerr
-        write_log("%s: %s", name, error)
-    except rospy.ServiceException:
-        raise
-    except USER_FAULTS as error:
-        text = f"{policy.type_name}: internal error, {type(error).__name__}: {error}"
-        rospy.logerr("%s: %s (please report it)", name, text)
-        log.debug("%s", traceback.format_exc())
-    if policy.call_fails:
-        raise rospy.ServiceException(text)
-    response = policy.service._response_class()
-    if hasattr(response, "status_message"):
-        response.status_message = text
-    return response
+        Raises:
+            rospy.ServiceException: the handler failed and its policy is `call_fails`.
+        """
+        policy, thread = handler.policy, self._thread
+        try:
+            if policy.in_caller_thread:
+                fields = handler(thread, request)
+            else:
+                fields = thread.call(lambda: handler(thread.simulation, request))
+            return policy.make_response(fields)
+        except SimError as error:
+            text = f"{policy.type_name}: {error}"
+            # Do not log an error for calls that are refused during shutdown: spawners normally
+            # unload their controllers after Ctrl-C.
+            write_log = rospy.logdebug if str(error) == SHUTTING_DOWN else rospy.logerr
+            write_log("%s: %s", name, error)
+        except rospy.ServiceException:
+            raise
+        except USER_FAULTS as error:
+            text = f"{policy.type_name}: internal error, {type(error).__name__}: {error}"
+            rospy.logerr("%s: %s (please report it)", name, text)
+            log.debug("%s", traceback.format_exc())
+        if policy.call_fails:
+            raise rospy.ServiceException(text)
+        response = policy.service._response_class()
+        if hasattr(response, "status_message"):
+            response.status_message = text
+        return response

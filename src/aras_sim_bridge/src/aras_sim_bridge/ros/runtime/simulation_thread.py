@@ -59,6 +59,8 @@ class SimulationThread:
         is_stopping: whether the thread has been requested to end.
         before_step: function that is called before each step, with the simulated time (ns) at the
             end of this step, or None. Only jobs may set it.
+        on_time_reset: function that is called after a reset of simulated time, by the job that
+            resets it. Set it before `start`.
         lockstep: object of lockstep mode, or None. No step is made while lockstep.is_closed, except
             by `step`. It must be set before `start`.
     """
@@ -102,6 +104,7 @@ class SimulationThread:
         self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
         self.simulation: Simulation | None = None
         self.before_step: Callable[[int], None] | None = None
+        self.on_time_reset: Callable[[], None] = lambda: None
         self.lockstep: Lockstep | None = None
 
     def start(self, timeout: float = 60.0) -> None:

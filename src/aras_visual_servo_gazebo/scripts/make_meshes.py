@@ -14,13 +14,10 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import arm_parts
+import gantry_parts
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-
-import arm_parts  # noqa: E402
-import gantry_parts  # noqa: E402
-from mesh_primitives import on_grid  # noqa: E402
+from mesh_primitives import on_grid
 
 # For each link, the function that returns its parts in the frame of the link.
 LINKS: dict[str, Callable[[], list[np.ndarray]]] = {

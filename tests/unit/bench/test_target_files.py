@@ -1,10 +1,8 @@
 """Targets in the simulated world: drawn files agree with the geometry."""
 
 import contextlib
-import io
 import runpy
 import struct
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -276,21 +274,8 @@ def describe(target, size, folder):
     return SCRIPT["describe"](target, SHIPPED, size, folder)
 
 
-@pytest.fixture
-def outlines(monkeypatch):
-    """Files of outlines are made here, by the function that rosrun's program starts."""
-
-    def made(command, **_):
-        told = io.StringIO()
-        with contextlib.redirect_stderr(told), contextlib.redirect_stdout(told):
-            status = main(command[len(SCRIPT["MAKER"]) :])
-        return subprocess.CompletedProcess(command, status, "", told.getvalue())
-
-    monkeypatch.setattr(subprocess, "run", made)
-
-
 @pytest.mark.parametrize(("name", "faces"), [("mine.png", 2), ("mine.svg", 4)])
-def test_a_file_by_its_path_is_a_plane_of_that_size(tmp_path, outlines, name, faces):
+def test_a_file_by_its_path_is_a_plane_of_that_size(tmp_path, name, faces):
     cv2.imwrite(str(tmp_path / "mine.png"), np.full((20, 30), 90, np.uint8))
     (tmp_path / "mine.svg").write_text(
         '<svg><polygon points="0,0 40,0 40,20 20,20 20,40 0,40"/></svg>')
@@ -302,21 +287,14 @@ def test_a_file_by_its_path_is_a_plane_of_that_size(tmp_path, outlines, name, fa
     assert sum(line.startswith("f ") for line in lines) == faces
 
 
-def test_an_outline_without_what_makes_it_is_told(tmp_path, monkeypatch):
-    (tmp_path / "mine.svg").write_text("<svg/>")
-    monkeypatch.setenv("PATH", "")
-    with pytest.raises(ValueError, match="needs rosrun .* target_files, which makes its mesh"):
-        describe(str(tmp_path / "mine.svg"), (0.1, 0.1), tmp_path)
-
-
-def test_a_name_comes_as_it_ships_or_in_another_size(tmp_path, outlines):
+def test_a_name_comes_as_it_ships_or_in_another_size(tmp_path):
     shipped = (GAZEBO / "targets" / "poster.urdf").read_text()
     assert describe("poster", None, tmp_path) == shipped
     assert parse_urdf(describe("circle", (0.04, 0.06), tmp_path)).static
     lines = next(tmp_path.rglob("*.obj")).read_text().split("\n")
     corners = np.array([line.split()[1:] for line in lines if line.startswith("v ")], float)
     assert np.ptp(corners, axis=0) == pytest.approx([0.04, 0.06, 0.0])
-    with pytest.raises(ValueError, match="'aras' has one size"):
+    with pytest.raises(ExperimentError, match="'aras' has one size"):
         describe("aras", (0.1, 0.1), tmp_path)
 
 
@@ -326,11 +304,11 @@ def test_a_name_comes_as_it_ships_or_in_another_size(tmp_path, outlines):
      ("{}/text.png", "is not a readable image"), ("{}/a.svg", "has no outline"),
      ("{}/b.SVG", "is no SVG: ")],
 )  # fmt: skip
-def test_what_cannot_be_a_target_is_told(given, told, tmp_path, outlines):
+def test_what_cannot_be_a_target_is_told(given, told, tmp_path):
     (tmp_path / "text.png").write_text("no picture at all")
     (tmp_path / "a.svg").write_text("<svg/>")
     (tmp_path / "b.SVG").write_text("no tree at all")
-    with pytest.raises(ValueError, match=told):
+    with pytest.raises(ExperimentError, match=told):
         describe(given.format(tmp_path), (0.1, 0.1), tmp_path)
 
 

@@ -4,8 +4,6 @@ import argparse
 import importlib.machinery
 import importlib.util
 import json
-import os
-import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
@@ -15,25 +13,13 @@ import numpy as np
 import pytest
 from robot_figures import PACKAGE
 
+from aras_visual_servo_base.meshes import files
+from aras_visual_servo_bench.errors import ExperimentError
+
 PROGRAMS = PACKAGE.parent / "aras_visual_servo_bench" / "scripts"
 TARGETS = PACKAGE / "targets"
 
 SHIPPED = (PACKAGE / "robots" / "aras_visual_servo.urdf").read_text()
-MAKER = "rosrun aras_visual_servo_bench target_files"
-# A rosrun whose target_files says what it was asked for in the place of a description.
-ROSRUN = f"""#!{sys.executable}
-import pathlib, sys
-words = sys.argv[3:]
-if words[0] == "bad":
-    print("one line"); print("target_files: no such outline"); sys.exit(2)
-if words[0] == "mute":
-    sys.exit(1)
-if words[0] == "loud":
-    print("of no use"); print("target_files: a\\nb", file=sys.stderr); sys.exit(1)
-folder = pathlib.Path(words[words.index("--out") + 1])
-folder.mkdir(parents=True, exist_ok=True)
-(folder / "target.urdf").write_text(repr(words))
-"""
 
 
 def program(name: str):
@@ -51,11 +37,7 @@ def told(made, monkeypatch, capsys, *words: str) -> tuple[int, str, str]:
 
 
 @pytest.fixture
-def target(monkeypatch, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("bin")
-    (folder / "rosrun").write_text(ROSRUN)
-    (folder / "rosrun").chmod(0o755)
-    monkeypatch.setenv("PATH", str(folder), prepend=os.pathsep)
+def target():
     return program("target_description")
 
 
@@ -65,49 +47,59 @@ def describe(target):
     return lambda name, *more: target.describe(name, target.find_files(TARGETS), *more)
 
 
+def measure(urdf: str) -> list[float]:
+    """Return the lengths of the described target's mesh along x, y and z, m."""
+    mesh = ElementTree.fromstring(urdf).find("link/visual/geometry/mesh")
+    path = Path(mesh.get("filename").removeprefix("file://"))
+    corners = np.concatenate([part.positions for part in files.read(str(path))])
+    scale = [float(factor) for factor in mesh.get("scale", "1 1 1").split()]
+    return (np.ptp(corners, axis=0) * scale).tolist()
+
+
 def test_targets_that_ship_are_told_as_they_are_and_made_in_other_sizes(target, describe, tmp_path):
     assert {"aras", "four_dots", "l_shape"} <= set(target.find_files(TARGETS))
     shipped = (PACKAGE / "targets" / "four_dots.urdf").read_text()
     assert describe("four_dots", None, tmp_path) == shipped
-    seen = set()
+    made = {}
     for name, size in (("four_dots", (0.2, 0.15)), ("four_dots", (0.15, 0.2)),
                        ("box", (0.08, 0.05, 0.03)), ("l_shape", (0.2, 0.15))):  # fmt: skip
-        words = eval(describe(name, size, tmp_path))
-        folder = words[words.index("--out") + 1]
-        assert folder.startswith(f"{tmp_path}/")
-        lengths = [str(length) for length in size]
-        assert words == [name, "--name", "target", "--out", folder, "--size", *lengths]
-        seen.add(folder)
-    assert len(seen) == 4
+        made[name, size] = describe(name, size, tmp_path)
+    for (_, size), urdf in made.items():  # none of them has replaced the files of another one
+        assert measure(urdf) == pytest.approx([*size, 0.0][:3]) and f"{tmp_path}/" in urdf
 
 
 def test_a_target_of_a_file(describe, tmp_path):
-    urdf, outline = tmp_path / "mine.urdf", tmp_path / "mine.svg"
+    urdf, outline, mesh = (tmp_path / f"mine.{suffix}" for suffix in ("urdf", "svg", "OBJ"))
     urdf.write_text("<robot/>")
-    outline.write_text("<svg/>")
     other = tmp_path / "mine.xml"
     other.write_text("<robot name='x'/>")
     assert describe(str(other), (0.1, 0.2), tmp_path) == "<robot name='x'/>"
-    mesh = tmp_path / "MINE.STL"
-    mesh.touch()
-    sized = eval(describe(str(mesh), (0.3, 0.2, 0.1), tmp_path))
-    assert sized[-4:] == ["--size", "0.3", "0.2", "0.1"]
-    assert eval(describe(str(mesh), None, tmp_path, 0.001))[-2:] == ["--scale", "0.001"]
     assert describe(str(urdf), None, tmp_path) == "<robot/>"
-    words = eval(describe(str(outline), None, tmp_path))
-    assert words[0] == str(outline) and "--size" not in words  # its own
+    mesh.write_text("v 0 0 0\nv 40 0 0\nv 0 50 0\nv 0 0 60\n"
+                    "f 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n")  # fmt: skip
+    assert measure(describe(str(mesh), (0.3, 0.2, 0.1), tmp_path)) == pytest.approx([0.3, 0.2, 0.1])
+    by_factor = describe(str(mesh), None, tmp_path, 0.001)
+    assert measure(by_factor) == pytest.approx([0.04, 0.05, 0.06])
+    outline.write_text('<svg width="30cm" height="20cm"><rect width="30cm" height="20cm"/></svg>')
+    assert measure(describe(str(outline), None, tmp_path)) == pytest.approx([0.3, 0.2, 0.0])
 
 
-@pytest.mark.parametrize("name", ["cross", "my_package.shapes:Cross"])
-def test_a_shape_that_does_not_ship_is_made(describe, tmp_path, name):
-    words = eval(describe(name, None, tmp_path))
-    assert words[0] == name and "--size" not in words
-    assert eval(describe(name, (0.3, 0.2, 0.1), tmp_path))[-3:] == ["0.3", "0.2", "0.1"]
+def test_a_shape_that_does_not_ship_is_made(describe, tmp_path, monkeypatch):
+    (tmp_path / "my_shapes.py").write_text(
+        "from aras_visual_servo_bench.targets.shapes import OutlineShape\n"
+        "class Cross(OutlineShape):\n"
+        "    corners = ((-0.5, -0.5), (0.5, -0.5), (0.0, 0.5))\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    assert measure(describe("my_shapes:Cross", None, tmp_path)) == pytest.approx([0.1, 0.1, 0.0])
+    sized = describe("my_shapes:Cross", (0.3, 0.2), tmp_path)
+    assert measure(sized) == pytest.approx([0.3, 0.2, 0.0])
 
 
 def test_a_picture_lies_upright_on_a_plane_of_its_size(target, describe, tmp_path):
     path = tmp_path / "photo.png"
-    cv2.imwrite(str(path), np.zeros((3, 4, 3), np.uint8))
+    picture = np.arange(36, dtype=np.uint8).reshape(3, 4, 3)
+    cv2.imwrite(str(path), picture)
     robot = ElementTree.fromstring(describe(str(path), (0.2, 0.15), tmp_path))
     assert robot.get("name") == "target" and robot.find("gazebo/static").text == "true"
     mesh = Path(robot.find("link/visual/geometry/mesh").get("filename").removeprefix("file://"))
@@ -116,7 +108,8 @@ def test_a_picture_lies_upright_on_a_plane_of_its_size(target, describe, tmp_pat
     vt = np.array([words[1:] for words in lines if words[0] == "vt"], float)
     material = mesh.with_suffix(".mtl").read_text().split()
     assert ["mtllib", "target.mtl"] in lines and f"usemtl {material[1]}".split() in lines
-    assert material[2:] == ["Kd", "1", "1", "1", "map_Kd", str(path)]
+    assert material[2:] == ["Kd", "1", "1", "1", "map_Kd", "target.png"]
+    assert (cv2.imread(str(mesh.with_suffix(".png"))) == picture).all()
     faces = [[tuple(map(int, corner.split("/"))) for corner in words[1:]]
              for words in lines if words[0] == "f"]  # fmt: skip
     area = np.zeros(3)
@@ -139,30 +132,13 @@ def test_a_picture_lies_upright_on_a_plane_of_its_size(target, describe, tmp_pat
     ("four_dots", (0.1, 0.1, 0.1), "target 'four_dots' has two lengths"),
     ("aras", (0.1, 0.1), "target 'aras' has one size"),
     ("/nowhere/photo.png", None, "there is no file /nowhere/photo.png"),
-    (__file__, None, "is not a readable image"),
+    (__file__, None, "is not a readable image"), ("four_dot", None, "did you mean 'four_dots'"),
+    ("my_package.shapes:Cross", None, "my_package"),
 ])  # fmt: skip
 def test_what_is_no_target_is_named(describe, tmp_path, name, size, words):
-    with pytest.raises(ValueError) as refused:
+    with pytest.raises(ExperimentError) as refused:
         describe(name, size, tmp_path)
     assert words in str(refused.value)
-
-
-def test_what_cannot_be_made_is_told_in_its_makers_words(target, describe, tmp_path, monkeypatch):
-    for name, words in (("bad", "no such outline"), ("mute", f"{MAKER} failed"),
-                        ("loud", "b")):  # fmt: skip
-        with pytest.raises(ValueError) as refused:
-            target.make(name, (0.1, 0.1), tmp_path)
-        assert str(refused.value) == words
-
-    def slow(_command, timeout, **_more):
-        raise subprocess.TimeoutExpired("maker", timeout)
-
-    monkeypatch.setenv("PATH", "/nowhere")
-    with pytest.raises(ValueError, match=f"box needs {MAKER}, which makes its mesh"):
-        describe("box", (0.1, 0.2, 0.3), tmp_path)
-    monkeypatch.setattr(subprocess, "run", slow)
-    with pytest.raises(ValueError, match=f"box needs {MAKER}, .*timed out after 120.0 s"):
-        describe("box", (0.1, 0.2, 0.3), tmp_path)
 
 
 def test_a_target_on_the_command_line(target, monkeypatch, capsys):
@@ -174,8 +150,23 @@ def test_a_target_on_the_command_line(target, monkeypatch, capsys):
     shipped, words = (TARGETS / "l_shape.urdf").read_text(), f"--targets={TARGETS}"
     assert told(target, monkeypatch, capsys, "l_shape", "--size=", words) == (0, shipped + "\n", "")
     status, printed, said = told(
-        target, monkeypatch, capsys, "bad", "--size", "0.1 0.1", words)
-    assert (status, printed, said) == (1, "", "target_description: no such outline\n")
+        target, monkeypatch, capsys, "/bad.svg", "--size", "0.1 0.1", words)
+    assert (status, printed) == (1, "")
+    assert said.startswith("target_description: there is no file /bad.svg")
+
+
+def test_what_a_shape_prints_is_not_part_of_the_description(tmp_path, monkeypatch, capsys, target):
+    (tmp_path / "loud_shapes.py").write_text(
+        "from aras_visual_servo_bench.targets.shapes import OutlineShape\n"
+        "print('loading')\n"
+        "class Cross(OutlineShape):\n"
+        "    corners = ((-0.5, -0.5), (0.5, -0.5), (0.0, 0.5))\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    status, printed, said = told(
+        target, monkeypatch, capsys, "loud_shapes:Cross", f"--targets={TARGETS}")
+    assert (status, said) == (0, "loading\n") and printed.startswith("<?xml")
 
 
 @pytest.fixture

@@ -49,13 +49,6 @@ def read_on_white(path: str | Path, colour: bool = False) -> np.ndarray | None:
     return np.round(255.0 + opacity * (image - np.float32(255.0))).astype(np.uint8)
 
 
-def is_transparent(path: str | Path) -> bool:
-    """Return whether an image file has an alpha channel."""
-    import cv2
-
-    return _has_alpha(_read(path, cv2.IMREAD_UNCHANGED))
-
-
 def _has_alpha(image: np.ndarray | None) -> bool:
     return image is not None and image.ndim == 3 and image.shape[2] == 4
 

@@ -20,7 +20,8 @@ PIXELS = 1200  # longer side of a generated texture, px
 class TexturedTarget(Target):
     """Rectangle in the plane z = 0 with a texture on the side that faces +z.
 
-    pixels: image (rows, columns), uint8; the first row is at +y, the first column at -x.
+    pixels: image, uint8, grey (rows, columns) or in the order blue, green, red (rows, columns, 3);
+        the first row is at +y, the first column at -x.
     size: size along x and y, m.
     known_points: points (n, 2), m, that a tracker detects; None: the corners of the rectangle.
     """

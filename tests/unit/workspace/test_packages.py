@@ -32,7 +32,9 @@ KEYS = {
     "trimesh": "python3-trimesh-pip",
     "yaml": "python3-yaml",
 }
-ELSEWHERE = {"arm_parts", "gantry_parts", "mesh_primitives"}  # scripts beside the importing one
+ELSEWHERE = {  # scripts beside the importing one
+    "arm_parts", "gantry_parts", "mesh_primitives", "workbench_textures",
+}
 
 
 def programs(package: Path) -> list[Path]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import rospy
@@ -42,25 +42,23 @@ class CommandPublishers:
             ConfigurationError: the controllers of a joint accept other commands only.
         """
         namespace, group = settings.namespace.rstrip("/"), settings.command_topic
-        self._names, self.is_self_subscribed = tuple(names), False
-        self._order = range(len(names))
-        self._group_publisher: rospy.Publisher | None = None
-        self._joint_publishers: dict[str, rospy.Publisher] = {}
+        self.is_self_subscribed = False
         if group:
             topic = group if group.startswith("/") else f"{namespace}/{group}"
-            self._group_publisher = rospy.Publisher(topic, Float64MultiArray, queue_size=QUEUE_SIZE)
-            return
-        found = choose_controllers(
-            get_namespace(namespace or "/"), names, kind, settings.controllers, namespace
-        )
-        if found[0].is_group:
-            topic = f"{namespace}/{found[0].name}/command"
-            self._order = [list(names).index(joint) for joint in found[0].joints]
-            self._group_publisher = rospy.Publisher(topic, Float64MultiArray, queue_size=QUEUE_SIZE)
-            return
-        for name, one in zip(names, found, strict=True):
-            topic = f"{namespace}/{one.name}/command"
-            self._joint_publishers[name] = rospy.Publisher(topic, Float64, queue_size=QUEUE_SIZE)
+            topics, self._is_group = [(topic, tuple(names))], True
+        else:
+            found = choose_controllers(
+                get_namespace(namespace or "/"), names, kind, settings.controllers, namespace
+            )
+            topics = [(f"{namespace}/{one.name}/command", one.joints) for one in found]
+            self._is_group = found[0].is_group
+        self._rows = {name: row for row, name in enumerate(names)}
+        message = Float64MultiArray if self._is_group else Float64
+        # each publisher, with the joints that its controller commands
+        self._publishers = [
+            (rospy.Publisher(topic, message, queue_size=QUEUE_SIZE), joints)
+            for topic, joints in topics
+        ]
 
     def send(self, values: np.ndarray, joint: str = "") -> None:
         """Publish values (n,) for the controllers.
@@ -71,35 +69,27 @@ class CommandPublishers:
             joint: name of the only joint to command; '' for all. A group controller always gets all
                 values.
         """
-        numbers = values.tolist()
-        if self._group_publisher is not None:
-            publish(
-                self._group_publisher, Float64MultiArray(data=[numbers[i] for i in self._order])
-            )
-        for (name, publisher), value in zip(self._joint_publishers.items(), numbers, strict=False):
-            if joint in ("", name):
-                publish(publisher, Float64(value))
+        for publisher, joints in self._publishers:
+            numbers = [float(values[self._rows[name]]) for name in joints]
+            if self._is_group:
+                publish(publisher, Float64MultiArray(data=numbers))
+            elif joint in ("", *joints):
+                publish(publisher, Float64(*numbers))
 
-    def list_topics(self) -> Iterator[tuple[str, tuple[str, ...]]]:
-        """Iterate over the command topics, each with the names of the joints that it commands."""
-        for name, publisher in self._joint_publishers.items():
-            yield publisher.resolved_name, (name,)
-        if self._group_publisher is not None:
-            yield self._group_publisher.resolved_name, self._names
+    def list_topics(self) -> list[tuple[str, tuple[str, ...]]]:
+        """Return the command topics, each with the names of the joints that it commands."""
+        return [(publisher.resolved_name, joints) for publisher, joints in self._publishers]
 
     def list_unsubscribed(self) -> list[str]:
         """Return the command topics that have no subscribers apart from this node."""
-        publishers = [
-            p for p in (*self._joint_publishers.values(), self._group_publisher) if p is not None
-        ]
         own = int(self.is_self_subscribed)
-        return [p.resolved_name for p in publishers if p.get_num_connections() <= own]
+        return [publisher.resolved_name for publisher, _ in self._publishers
+                if publisher.get_num_connections() <= own]
 
     def close(self) -> None:
         """Unregister all publishers."""
-        for publisher in (*self._joint_publishers.values(), self._group_publisher):
-            if publisher is not None:
-                publisher.unregister()
+        for publisher, _ in self._publishers:
+            publisher.unregister()
 
 
 def publish(publisher: rospy.Publisher, message: object) -> None:

@@ -17,8 +17,10 @@ from sensor_msgs.msg import CameraInfo, Image, JointState
 from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
 
-from aras_visual_servo_bench.experiment.robots import Robot, RobotSpec
+from aras_visual_servo_bench.experiment.robot_spec import RobotSpec
+from aras_visual_servo_bench.experiment.robots import Robot
 from aras_visual_servo_camera import node as camera_module
+from aras_visual_servo_camera.camera_node import CameraNode
 from aras_visual_servo_camera.errors import ImageError
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.parameters import VisionParameters
@@ -104,6 +106,26 @@ def test_moments_reach_the_loop(graph, hear_with):
     hear(blind)
     seen = driver.images[-1][1]
     assert not seen.valid and seen.reason and seen.camera.width == 1
+
+
+def test_a_camera_node_in_the_same_process_passes_on_its_moments_itself(graph, hear_with):
+    """Without features, the message names what sends the images; the camera node does run."""
+    eye = observer(Need.MOMENTS)
+    driver, camera = hear_with(eye), CameraNode(VisionParameters())
+    entry = CameraEntry("eye", "/eye/camera", "/aras_visual_servo/camera", "")
+    before = set(graph.subscribers)
+    DetectionSubscribers(entry, driver, eye, camera)
+    assert set(graph.subscribers) == before
+    assert driver.sources["left"].describe_silence() == (
+        "no features on /aras_visual_servo/camera/moments (is the simulator or camera's driver "
+        "running?)"
+    )
+    camera.on_moments(moments())
+    assert [(stamp, name) for stamp, _, name in driver.images] == [(3.25, "left")]
+    other = hear_with(eye)
+    DetectionSubscribers(ENTRY, other, eye, camera)  # another camera's features
+    assert other.sources["left"].sender == "the camera node"
+    assert set(graph.subscribers) - before == {"/two/camera/moments"}
 
 
 def test_moments_wait_for_their_kernel_features(graph, hear_with):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import rospy
@@ -39,10 +40,13 @@ class DetectionSubscribers:
         topics = [(moments, ImageMoments, self._on_moments)]
         if self._needs_kernel:
             topics.append((f"{camera.features}/kernel", KernelFeatures, self._on_kernel))
-        runner.set_source(observer.name, ImageSource("features", topics[-1][0], "the camera node"))
+        source = ImageSource("features", topics[-1][0], "the camera node")
         if camera_node is not None and moments == camera_node.moments_topic:
+            # The camera node runs as long as this process; features are missing without images.
+            source = replace(source, sender="the simulator or camera's driver")
             camera_node.on_moments = self._on_moments
             topics = topics[1:]
+        runner.set_source(observer.name, source)
         self.subscribers = [
             rospy.Subscriber(topic, kind, callback, queue_size=1, tcp_nodelay=True)
             for topic, kind, callback in topics

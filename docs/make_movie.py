@@ -20,7 +20,8 @@ from PIL import Image, ImageDraw, ImageFont
 from pybullet_utils.bullet_client import BulletClient
 
 from aras_visual_servo_bench.experiment.experiment import Experiment
-from aras_visual_servo_bench.experiment.robots import Robot, RobotSpec
+from aras_visual_servo_bench.experiment.robot_spec import RobotSpec
+from aras_visual_servo_bench.experiment.robots import Robot
 from aras_visual_servo_bench.recording.run import Run
 from aras_visual_servo_bench.runner.loop import Loop
 from aras_visual_servo_bench.setup.assembly import assemble

@@ -12,8 +12,9 @@ from aras_sim_bridge.description.types import Light
 from aras_sim_bridge.description.world_file import WorldFile
 from aras_visual_servo_base.poses import Pose, matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.experiment.cameras import CameraSpec
-from aras_visual_servo_bench.experiment.robots import Robot, RobotSpec
+from aras_visual_servo_bench.experiment.camera_specs import CameraSpec
+from aras_visual_servo_bench.experiment.robot_spec import RobotSpec
+from aras_visual_servo_bench.experiment.robots import Robot
 from aras_visual_servo_bench.plants.dynamic_arm import TargetLink, TargetModel
 from aras_visual_servo_bench.plants.imaging import ImagingSettings
 from aras_visual_servo_bench.targets.geometry import PlacedTarget, PoseHistory, TargetMotion

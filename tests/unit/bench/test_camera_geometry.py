@@ -9,10 +9,9 @@ from scipy.spatial.transform import Rotation
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment import cameras
+from aras_visual_servo_bench.experiment.camera_specs import CalibrationOffset, CameraSpec
 from aras_visual_servo_bench.experiment.cameras import (
-    CalibrationOffset,
     CameraSetup,
-    CameraSpec,
     check_simultaneous_images,
     read_preset,
 )

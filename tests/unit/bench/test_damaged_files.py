@@ -21,7 +21,8 @@ from aras_visual_servo_base.meshes import files as mesh_files
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_base.yaml_files import read_text
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.experiment.robots import Robot, RobotSpec
+from aras_visual_servo_bench.experiment.robot_spec import RobotSpec
+from aras_visual_servo_bench.experiment.robots import Robot
 from aras_visual_servo_bench.targets.target_factory import make_target, read_svg
 
 NUMBER = re.compile(rb"(?<![\w.])-?\d+\.?\d*(?:[eE][-+]?\d+)?(?![\w.])")

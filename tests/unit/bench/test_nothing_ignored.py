@@ -18,7 +18,7 @@ from aras_sim_bridge.camera.effects import EFFECTS, AutoExposure, Effects, Senso
 from aras_sim_bridge.camera.vibration import Shake
 from aras_visual_servo_base.setting_values import merge
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.experiment.cameras import CalibrationOffset, CameraSpec
+from aras_visual_servo_bench.experiment.camera_specs import CalibrationOffset, CameraSpec
 from aras_visual_servo_bench.experiment.experiment import (
     PLANTS,
     Experiment,

@@ -86,7 +86,8 @@ def test_the_simulated_arm_is_spawned_at_its_start_and_moves_as_told(robot, pres
 
 
 def test_a_moved_camera_is_moved_in_the_physics_and_can_be_believed_elsewhere(preset):
-    from aras_visual_servo_bench.experiment.robots import Robot, RobotSpec
+    from aras_visual_servo_bench.experiment.robot_spec import RobotSpec
+    from aras_visual_servo_bench.experiment.robots import Robot
 
     moved = Robot(RobotSpec(), xyz=(0.0, 0.03, 0.0), rpy=(0.0, 0.17, 0.0))
     plant = bullet(moved, preset)
@@ -107,7 +108,8 @@ def test_a_moved_camera_is_moved_in_the_physics_and_can_be_believed_elsewhere(pr
 
 
 def test_impossible_robots_are_refused_in_one_line(robot, preset):
-    from aras_visual_servo_bench.experiment.robots import Robot, RobotSpec
+    from aras_visual_servo_bench.experiment.robot_spec import RobotSpec
+    from aras_visual_servo_bench.experiment.robots import Robot
 
     cases = {
         "package 'nowhere'": {"urdf": "package://nowhere/arm.urdf"},
@@ -121,7 +123,8 @@ def test_impossible_robots_are_refused_in_one_line(robot, preset):
 
 
 def test_friction_can_be_taken_out(robot):
-    from aras_visual_servo_bench.experiment.robots import Robot, RobotSpec
+    from aras_visual_servo_bench.experiment.robot_spec import RobotSpec
+    from aras_visual_servo_bench.experiment.robots import Robot
 
     rough = [joint.friction for joint in robot.parse_description().joints.values()]
     smooth = [

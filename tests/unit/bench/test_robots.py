@@ -12,9 +12,14 @@ from aras_visual_servo_base.poses import matrix_from_xyz_rpy, relative_pose
 from aras_visual_servo_bench import Experiment, run
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment.added_links import MountedTarget
-from aras_visual_servo_bench.experiment.cameras import CalibrationOffset, CameraSpec, HandEyeSpec
+from aras_visual_servo_bench.experiment.camera_specs import (
+    CalibrationOffset,
+    CameraSpec,
+    HandEyeSpec,
+)
 from aras_visual_servo_bench.experiment.packages import PackagePath
-from aras_visual_servo_bench.experiment.robots import Robot, RobotSpec, find_camera_name
+from aras_visual_servo_bench.experiment.robot_spec import RobotSpec
+from aras_visual_servo_bench.experiment.robots import Robot, find_camera_name
 from aras_visual_servo_controller.kinematics import Arm
 from aras_visual_servo_controller.observation.camera_rig import FixedCameraKinematics
 

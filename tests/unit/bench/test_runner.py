@@ -8,7 +8,7 @@ import pytest
 
 from aras_visual_servo_base.poses import inverse
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.experiment.cameras import CalibrationOffset
+from aras_visual_servo_bench.experiment.camera_specs import CalibrationOffset
 from aras_visual_servo_bench.experiment.experiment import (
     CameraPoseSpec,
     Experiment,

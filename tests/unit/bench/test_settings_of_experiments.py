@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.experiment.cameras import CalibrationOffset, CameraSpec
+from aras_visual_servo_bench.experiment.camera_specs import CalibrationOffset, CameraSpec
 from aras_visual_servo_bench.experiment.experiment import (
     Experiment,
     IdealPlantSpec,
@@ -13,7 +13,7 @@ from aras_visual_servo_bench.experiment.experiment import (
     SunSpec,
 )
 from aras_visual_servo_bench.experiment.loop_settings import make_loop_settings
-from aras_visual_servo_bench.experiment.robots import RobotSpec
+from aras_visual_servo_bench.experiment.robot_spec import RobotSpec
 from aras_visual_servo_bench.experiment.starts import RelativeStart
 from aras_visual_servo_bench.targets.geometry import TargetMotion
 from aras_visual_servo_bench.targets.target_spec import SupportBoxSpec, TargetSpec

@@ -14,7 +14,8 @@ from aras_visual_servo_base.poses import inverse, matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment.experiment import Experiment, SunSpec
 from aras_visual_servo_bench.experiment.packages import PackagePath
-from aras_visual_servo_bench.experiment.robots import Robot, RobotSpec
+from aras_visual_servo_bench.experiment.robot_spec import RobotSpec
+from aras_visual_servo_bench.experiment.robots import Robot
 from aras_visual_servo_bench.experiment.worlds import (
     find_world_link,
     find_world_path,

@@ -571,6 +571,7 @@ def hear_with(graph: Graph, shipped_arm: object) -> Callable[..., object]:
 @pytest.fixture(scope="session")
 def shipped_arm() -> object:
     """Arm of the ARAS robot."""
-    from aras_visual_servo_bench.experiment.robots import Robot, RobotSpec
+    from aras_visual_servo_bench.experiment.robot_spec import RobotSpec
+    from aras_visual_servo_bench.experiment.robots import Robot
 
     return Robot(RobotSpec()).make_arm()

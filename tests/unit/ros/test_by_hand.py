@@ -235,7 +235,8 @@ def test_a_terminal_is_needed_and_a_ctrl_c_ends(person, monkeypatch):
 @pytest.fixture
 def lesson(graph, life, shipped_arm, tmp_path):
     """Robot at its goal, its camera node, and the arguments of teaching."""
-    from aras_visual_servo_bench.experiment.robots import Robot, RobotSpec
+    from aras_visual_servo_bench.experiment.robot_spec import RobotSpec
+    from aras_visual_servo_bench.experiment.robots import Robot
 
     graph.parameters["/robot_description"] = Robot(RobotSpec()).urdf
     it = SimpleNamespace(life=life, graph=graph, arm=shipped_arm, stamp=0.0)

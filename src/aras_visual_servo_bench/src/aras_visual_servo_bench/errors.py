@@ -38,6 +38,22 @@ def require(condition: bool, text: str) -> None:
         raise ExperimentError(text)
 
 
+@contextlib.contextmanager
+def catch_setting_errors(
+    faults: type[Exception] | tuple[type[Exception], ...], where: str = ""
+) -> Iterator[None]:
+    """Convert errors of the `with` block into an ExperimentError.
+
+    Args:
+        faults: types of the errors.
+        where: name of the setting or file, with which the message starts; '' for no name.
+    """
+    try:
+        yield
+    except faults as error:
+        raise ExperimentError(f"{where}: {error}" if where else str(error)) from error
+
+
 def check_formats(requested: Iterable[str], available: Collection[str]) -> None:
     """Check that all requested file formats are available.
 

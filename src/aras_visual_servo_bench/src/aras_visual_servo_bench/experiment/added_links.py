@@ -8,10 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
+from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.names import suggest
-from aras_visual_servo_base.urdf_changes import add_fixed_joint
+from aras_visual_servo_base.poses import xyz_rpy_from_matrix
+from aras_visual_servo_base.urdf import Joint, parse_tree
+from aras_visual_servo_controller.kinematics.arm import find_camera_path
 
-from ..errors import ExperimentError
+from ..errors import ExperimentError, catch_setting_errors
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +40,55 @@ def with_link(urdf: str, name: str, parent: str, parent_T_link: np.ndarray) -> s
     ElementTree.SubElement(robot, "link", name=name)
     add_fixed_joint(robot, parent, name, parent_T_link)
     return ElementTree.tostring(robot, encoding="unicode")
+
+
+def find_joint_path(urdf: str, camera_frame: str, where: str) -> list[Joint]:
+    """Return the joints from the root link of a robot to an optical frame.
+
+    where: name of the robot description, for the error message.
+
+    Raises:
+        ExperimentError: there is no such frame.
+    """
+    with catch_setting_errors(DescriptionError, f"{where}: robot description"):
+        return find_camera_path(parse_tree(urdf), "", camera_frame)
+
+
+def with_frame(
+    urdf: str, name: str, frame: str, frame_T_child: np.ndarray, where: str
+) -> str:
+    """Return the robot description with one more link, fixed to an optical frame.
+
+    If the description has no link for the optical frame, the new link is fixed to the parent of the
+    optical frame.
+
+    Args:
+        urdf: text of the robot description.
+        name: name of the new link.
+        frame: name of the optical frame.
+        frame_T_child: pose (4, 4) of the new link in the optical frame.
+        where: name of the robot description, for the error message.
+
+    Raises:
+        ExperimentError: there is no such frame.
+    """
+    last = find_joint_path(urdf, frame, where)[-1]
+    if last.child not in parse_tree(urdf).links:
+        frame, frame_T_child = last.parent, last.pose.matrix() @ frame_T_child
+    return with_link(urdf, name, frame, frame_T_child)
+
+
+def _attach(
+    robot: ElementTree.Element, parent: str, child: str, parent_T_child: np.ndarray
+) -> None:
+    """Add a fixed joint between two links, at the pose parent_T_child (4, 4)."""
+    joint = ElementTree.SubElement(robot, "joint", name=f"{child}_joint", type="fixed")
+    ElementTree.SubElement(joint, "parent", link=parent)
+    ElementTree.SubElement(joint, "child", link=child)
+    xyz, rpy = (
+        " ".join(map(repr, map(float, part))) for part in xyz_rpy_from_matrix(parent_T_child)
+    )
+    ElementTree.SubElement(joint, "origin", xyz=xyz, rpy=rpy)
 
 
 def with_target(urdf: str, name: str, target: MountedTarget, where: str) -> str:

@@ -16,11 +16,11 @@ from aras_visual_servo_base.settings import SettingsBase, build, check, paramete
 from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_controller.observation.observation import CAMERA
 
-from ..errors import ExperimentError, StudyError, require
+from ..errors import ExperimentError, StudyError, catch_setting_errors, require
 from ..targets.target_spec import MAX_TARGET_SIZE, TargetSpec, Vector2, check_times
-from .cameras import HALF_TURN, MAX_DELAY, CalibrationOffset, CameraSpec, HandEyeSpec
+from .camera_specs import HALF_TURN, MAX_DELAY, CalibrationOffset, CameraSpec, HandEyeSpec
 from .refused_parameters import check_names
-from .robots import RobotSpec
+from .robot_spec import RobotSpec
 from .starts import CameraPoseSpec, RandomStart, RelativeStart
 
 PLANTS = ("bullet", "chain", "free", "ideal")
@@ -195,52 +195,17 @@ class Experiment(SettingsBase):
                 "arm: use plant chain or bullet")
         self._check_cameras()
         if self.plant == "bullet":
-            self._check_size()
-            require(
-                not self.world or replace(self.sun, exposure=EXPOSURES[0]) == SunSpec(),
-                "the world file contains the lights: leave out all keys of sun except exposure, "
-                "or leave out world",
-            )
-            require(bool(self.world) or not self.target.model,
-                    "target.model names a model in a world file, but world is not set: set world "
-                    "to the path or name of the file")
-            has_own_pose = not self.target.motion.is_static or any(self.target.pose)
-            require(
-                not (self.target.is_in_description and has_own_pose),
-                "target.pose and target.motion do not act on a target in the robot description of "
-                "the Bullet arm: set target.shape, too, for a separate target",
-            )
-            require(
-                self.target.occluder is None
-                or not (self.target.is_in_description or self.target.shape == "aras"),
-                "target.occluder is not available for 'aras' and targets in the robot description: "
-                "set another target.shape, such as square",
-            )
-            require(
-                self.target.is_in_description
-                or self.target.shape == "aras"
-                or any(self.target.pose),
-                "target.pose is missing: give the target's pose on the Bullet arm's table, whose "
-                "top is at z = 0.59 m, for example [0, 0, 0.591, 0, 0, 0] for the table's middle",
-            )
-            require(
-                not self.robot.target_frame or self.target.is_mountable,
-                "a target on a link of the arm (robot.target_frame) has no motion of its own: "
-                "leave out target.motion, target.occluded and target.box",
-            )
+            self._check_bullet()
         else:
-            require(not self.target.model,
-                    "target.model names a model in a world, and only plant bullet has a world: "
-                    "leave it out, or use plant bullet")
-            require(
-                not self.record_peak_speeds,
-                "record_peak_speeds needs physics steps, which only plant bullet has: leave it "
-                "out, or use plant bullet",
-            )
-            require(not self.world,
-                    "world acts only on plant bullet: leave it out, or use plant bullet")
-            require(self.sun == SunSpec(),
-                    "sun acts only on plant bullet: leave it out, or use plant bullet")
+            for is_set, fault in (
+                (self.target.model, "target.model names a model in a world, and only plant bullet "
+                 "has a world"),
+                (self.record_peak_speeds, "record_peak_speeds needs physics steps, which only "
+                 "plant bullet has"),
+                (self.world, "world acts only on plant bullet"),
+                (self.sun != SunSpec(), "sun acts only on plant bullet"),
+            ):  # fmt: skip
+                require(not is_set, f"{fault}: leave it out, or use plant bullet")
         require(
             not self.has_images or not self.jitter,
             "jitter acts only on exact features, but this experiment measures features in images: "
@@ -252,18 +217,38 @@ class Experiment(SettingsBase):
             "instead, or set features to images",
         )
 
-    def _check_size(self) -> None:
-        """Check that the target fits on the table of the ARAS robot.
+    def _check_bullet(self) -> None:
+        """Check the target and the surroundings of the Bullet arm.
 
         Raises:
-            ExperimentError: the target is larger than the table.
+            ExperimentError: the target is larger than the table, or settings exclude each other.
         """
-        if self.world or self.robot.urdf != RobotSpec().urdf:
-            return
-        for i, length in enumerate(self.target.size or ()):
+        target = self.target
+        is_own_table = not self.world and self.robot.urdf == RobotSpec().urdf
+        for i, length in enumerate(target.size or () if is_own_table else ()):
             require(length <= MAX_TARGET_SIZE, f"target.size[{i}] is {length}, must be <= "
                     f"{MAX_TARGET_SIZE:g} m, the size of the table: use a smaller target, or your "
                     "own world or robot")
+        require(not self.world or replace(self.sun, exposure=EXPOSURES[0]) == SunSpec(),
+                "the world file contains the lights: leave out all keys of sun except exposure, or "
+                "leave out world")
+        require(bool(self.world) or not target.model,
+                "target.model names a model in a world file, but world is not set: set world to "
+                "the path or name of the file")
+        has_own_pose = not target.motion.is_static or any(target.pose)
+        require(not (target.is_in_description and has_own_pose),
+                "target.pose and target.motion do not act on a target in the robot description of "
+                "the Bullet arm: set target.shape, too, for a separate target")
+        is_in_robot = target.is_in_description or target.shape == "aras"
+        require(target.occluder is None or not is_in_robot,
+                "target.occluder is not available for 'aras' and targets in the robot description: "
+                "set another target.shape, such as square")
+        require(is_in_robot or any(target.pose),
+                "target.pose is missing: give the target's pose on the Bullet arm's table, whose "
+                "top is at z = 0.59 m, for example [0, 0, 0.591, 0, 0, 0] for the table's middle")
+        require(not self.robot.target_frame or target.is_mountable,
+                "a target on a link of the arm (robot.target_frame) has no motion of its own: "
+                "leave out target.motion, target.occluded and target.box")
 
     def _check_cameras(self) -> None:
         if not self.cameras:
@@ -279,10 +264,8 @@ class Experiment(SettingsBase):
                 "plant 'ideal' has only one camera: leave out cameras, or use plant free, chain "
                 "or bullet")
         for name, camera in self.cameras.items():
-            require(
-                name.isidentifier(),
-                f"cameras: '{name}' is no valid name: use letters, digits and _",
-            )
+            require(name.isidentifier(),
+                    f"cameras: '{name}' is no valid name: use letters, digits and _")
             if camera.target is not None or camera.target_frame:
                 self._check_own_target(name, camera)
 
@@ -409,8 +392,6 @@ class Experiment(SettingsBase):
         here = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)
                 if f.name not in merged}  # fmt: skip
         keys = {key: value for key, value in self.to_mapping().items() if key in merged}
-        try:
+        with catch_setting_errors(StudyError):
             values = with_overrides({**here, **keys}, changes)
-        except StudyError as error:
-            raise ExperimentError(str(error)) from None
         return self.from_mapping(values)

@@ -13,7 +13,7 @@ from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.parameters import MARKER_TRACKER
 from aras_visual_servo_controller.settings import ControllerSettings
 
-from ..errors import ExperimentError, require
+from ..errors import catch_setting_errors, require
 from ..targets.target_factory import find_tracker, is_solid
 from ..targets.target_spec import TargetSpec
 from .experiment import FREE_CAMERA_PLANTS, Experiment
@@ -25,11 +25,8 @@ FREE_CAMERA_SETTINGS: dict[str, Any] = {"limit_avoidance": False, "output": "vel
 # The ideal camera executes each command without delay. The parameter `lead` limits the distance
 # between commanded and measured coordinates; 1e6 switches the limit off.
 IDEAL_CAMERA_SETTINGS: dict[str, Any] = {
-    "delay": 0.0,
-    "lockstep": False,
-    "stop_time": 1e-6,
-    "lead": 1e6,
-}
+    "delay": 0.0, "lockstep": False, "stop_time": 1e-6, "lead": 1e6,
+}  # fmt: skip
 
 
 def make_loop_settings(experiment: Experiment, robot: Robot | None = None) -> ControllerSettings:
@@ -74,13 +71,11 @@ def make_loop_settings(experiment: Experiment, robot: Robot | None = None) -> Co
     for name, camera in experiment.cameras.items():
         if camera.target is not None and "tracker" not in experiment.controller_parameters:
             _check_tracker(name, experiment.target, camera.target)
-    try:
+    with catch_setting_errors(ConfigurationError):
         settings = ControllerSettings.from_mapping(given, package)
         if experiment.plant in FREE_CAMERA_PLANTS or robot is None:
             return settings
         return settings.for_robot(read_robot_name(robot.urdf), given)
-    except ConfigurationError as error:
-        raise ExperimentError(str(error)) from error
 
 
 def _check_tracker(name: str, target: TargetSpec, other: TargetSpec) -> None:

@@ -10,7 +10,8 @@ from aras_visual_servo_base.setting_values import merge
 from aras_visual_servo_base.yaml_files import parse_yaml
 
 from ..errors import StudyError
-from .cameras import DEFAULT_PRESET, PRESET_KEY
+from .camera_specs import DEFAULT_PRESET
+from .cameras import PRESET_KEY
 from .starts import CameraPoseSpec, RandomStart, RelativeStart
 
 CAMERAS_KEY = "cameras"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from ..errors import ExperimentError
+from ..errors import require
 
 # Controller parameters that an experiment sets by a key of its own, with this key.
 EXPERIMENT_KEYS = {
@@ -26,13 +26,9 @@ def check_names(names: Iterable[str]) -> None:
         ExperimentError: a parameter is set by another key, or has no effect without a ROS graph.
     """
     for name in names:
-        if name in EXPERIMENT_KEYS:
-            raise ExperimentError(
+        require(name not in EXPERIMENT_KEYS,
                 f"controller_parameters.{name} cannot be set: set the experiment's key "
-                f"{EXPERIMENT_KEYS[name]} instead"
-            )
-        if name in GRAPH_PARAMETERS:
-            raise ExperimentError(
+                f"{EXPERIMENT_KEYS.get(name)} instead")
+        require(name not in GRAPH_PARAMETERS,
                 f"controller_parameters.{name} concerns the controller's ROS node, and an "
-                "experiment has none: leave it out"
-            )
+                "experiment has none: leave it out")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,26 +17,24 @@ from aras_visual_servo_base.poses import (
     optical_pose,
     xyz_rpy_from_matrix,
 )
-from aras_visual_servo_base.settings import check, parameter
-from aras_visual_servo_base.urdf import Joint, parse_tree
+from aras_visual_servo_base.urdf import parse_tree
 from aras_visual_servo_base.yaml_files import read_text, read_yaml
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.kinematics import Arm
-from aras_visual_servo_controller.kinematics.arm import find_camera_path
 from aras_visual_servo_controller.observation.camera_rig import (
     CameraKinematics,
     FixedCameraKinematics,
     make_camera_kinematics,
 )
 
-from ..errors import ExperimentError
-from .cameras import CameraSpec, HandEyeSpec
+from ..errors import ExperimentError, catch_setting_errors
+from .added_links import MountedTarget, find_joint_path, with_frame, with_link, with_target
+from .camera_specs import CameraSpec, HandEyeSpec
 from .packages import PackagePath
+from .robot_spec import RobotSpec
 
 if TYPE_CHECKING:
     from aras_sim_bridge.description import CameraDescription, RobotDescription
-
-    from .added_links import MountedTarget
 
 ROBOT = "robot"  # name of the robot's model in the simulated world
 # Prefix of the name of an optical frame that is added for a camera without a frame in the robot
@@ -60,50 +57,6 @@ IMAGING_SETTINGS = frozenset((
     "camera_matrix", "cutoff_angle", "distortion_model", "distortion_coefficients", "effects",
 ))  # fmt: skip
 NO_TARGETS: Mapping[str, MountedTarget] = {}
-
-
-@dataclass(frozen=True)
-class RobotSpec:
-    """Settings of the robot; the defaults describe the ARAS robot.
-
-    urdf: path or package:// URL of the robot description.
-    config: path or package:// URL of the YAML file with the controllers.
-    namespace: namespace of the robot. The YAML file may contain the controllers at the top level or
-        as keys below this namespace.
-    camera_frame: optical frame of the robot's camera.
-    camera: name of this camera in the robot description; '': the first camera.
-    target_frame: link that carries the target (eye-to-hand); the poses of target and goal are then
-        in the frame of this link. '': the target is in the world.
-    controllers: names of the joint controllers to use; empty: all controllers that control a single
-        joint.
-    joint_states: name of the controller that publishes the joint states.
-    cameras: package whose folder config/cameras contains the camera presets.
-    search: folders in which the packages of package:// URLs are searched.
-    """
-
-    urdf: str = parameter(
-        "package://aras_visual_servo_gazebo/robots/aras_visual_servo.urdf", shorthand=True
-    )
-    config: str = "package://aras_visual_servo_gazebo/config/aras_visual_servo_control.yaml"
-    namespace: str = "/aras_visual_servo"
-    camera_frame: str = "camera_optical_frame"
-    camera: str = ""
-    target_frame: str = ""
-    controllers: tuple[str, ...] = ()
-    joint_states: str = "joint_state_controller"
-    cameras: str = "aras_visual_servo_gazebo"
-    search: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        check(self, ExperimentError, "robot")
-
-    def find_carrier(self, camera: CameraSpec | None) -> str:
-        """Return the link that carries the target of a camera; '' if the target is in the world.
-
-        camera: settings of the camera; None for the robot's own camera.
-        """
-        own = "" if camera is None else camera.target_frame
-        return own or self.target_frame
 
 
 class Robot:
@@ -142,19 +95,23 @@ class Robot:
         """
         self.spec, self._cameras = spec, cameras
         self.packages = PackagePath(spec.search)
-        self._original_urdf = read_text(self.packages.resolve(spec.urdf), ExperimentError)
+        urdf = read_text(self.packages.resolve(spec.urdf), ExperimentError)
         if not friction:
             from aras_visual_servo_base.urdf_changes import remove_friction
 
-            self._original_urdf = remove_friction(self._original_urdf)
+            urdf = remove_friction(urdf)
         if hand_eye is not None:
-            self._original_urdf = self._apply_hand_eye(hand_eye)
+            from aras_visual_servo_base.urdf_changes import mount_camera
+
+            with catch_setting_errors(SimError, "hand_eye"):
+                calibration = hand_eye.read(self.packages)
+                urdf = mount_camera(urdf, calibration, hand_eye.link, spec.camera_frame)
         self._own_frame = spec.camera_frame
-        self.urdf = self._add_camera_frames(self._move_camera(matrix_from_xyz_rpy(xyz, rpy)))
-        if mounted_targets:
-            from .added_links import with_target
+        urdf = self._move_camera(urdf, matrix_from_xyz_rpy(xyz, rpy))
+        urdf = self._add_camera_frames(urdf)
         for name, target in mounted_targets.items():
-            self.urdf = with_target(self.urdf, name, target, spec.urdf)
+            urdf = with_target(urdf, name, target, spec.urdf)
+        self.urdf = urdf
         tree = read_yaml(self.packages.resolve(spec.config), ExperimentError)
         if not isinstance(tree, Mapping):
             raise ExperimentError(
@@ -171,10 +128,8 @@ class Robot:
         Raises:
             ExperimentError: the description is invalid.
         """
-        try:
+        with catch_setting_errors(DescriptionError, self.spec.urdf):
             return parse_robot_description(self.urdf, self.spec.search)
-        except DescriptionError as error:
-            raise ExperimentError(f"{self.spec.urdf}: {error}") from None
 
     def read_camera_settings(self) -> dict[str, Any]:
         """Return the settings that affect images of the robot's camera; {} if it has no camera.
@@ -182,12 +137,10 @@ class Robot:
         Raises:
             ExperimentError: the description has invalid settings of the camera.
         """
-        try:
+        with catch_setting_errors((DescriptionError, CameraError), self.spec.urdf):
             found = [camera for camera in parse_camera_descriptions(self.urdf)
                      if self.spec.camera in ("", find_camera_name(camera))]
             settings = sensor_settings(found[0]) if found else {}
-        except (DescriptionError, CameraError) as error:
-            raise ExperimentError(f"{self.spec.urdf}: {error}") from None
         return {key: value for key, value in settings.items() if key in IMAGING_SETTINGS}
 
     def find_optical_frame(self, camera: str) -> str:
@@ -199,7 +152,7 @@ class Robot:
 
     def has_camera_on(self, link: str) -> bool:
         """Return True if the optical frame of the robot's camera is `link` or is fixed to it."""
-        for joint in reversed(_find_joint_path(self.urdf, self._own_frame, self.spec.urdf)):
+        for joint in reversed(find_joint_path(self.urdf, self._own_frame, self.spec.urdf)):
             if joint.child == link or joint.kind == "fixed" and joint.parent == link:
                 return True
             if joint.kind != "fixed":
@@ -227,7 +180,7 @@ class Robot:
                 is movable.
         """
         pose = None
-        for joint in _find_joint_path(self.urdf, self.find_optical_frame(camera), self.spec.urdf):
+        for joint in find_joint_path(self.urdf, self.find_optical_frame(camera), self.spec.urdf):
             if joint.parent == link:
                 pose = np.eye(4)
             if pose is None:
@@ -296,22 +249,16 @@ class Robot:
 
     def _add_camera_frames(self, urdf: str) -> str:
         """Return a copy of a description, with the missing optical frames of cameras added."""
-        if self._cameras:
-            from .added_links import with_link
         for name, camera in self._cameras.items():
+            frame = f"{CAMERA_FRAME_PREFIX}{name}"
             if camera.pose is not None:
-                child, root = f"{CAMERA_FRAME_PREFIX}{name}", parse_tree(urdf).root
-                urdf = with_link(urdf, child, root, camera.compute_pose())
+                urdf = with_link(urdf, frame, parse_tree(urdf).root, camera.compute_pose())
             elif camera.hand_eye is not None:
-                urdf = with_link(
-                    urdf,
-                    f"{CAMERA_FRAME_PREFIX}{name}",
-                    *self._read_calibrated_mounting(urdf, name),
-                )
+                where = f"cameras.{name}.hand_eye"
+                link, pose = camera.hand_eye.read_mounting(urdf, self.packages, where)
+                urdf = with_link(urdf, frame, link, pose)
             elif not camera.is_in_description:
-                urdf = self._with_frame(
-                    urdf, f"{CAMERA_FRAME_PREFIX}{name}", self._own_frame, camera.compute_pose()
-                )
+                urdf = self._with_frame(urdf, frame, self._own_frame, camera.compute_pose())
         return urdf
 
     def find_controllers(self, joints: Sequence[str]) -> tuple[dict[str, str], str]:
@@ -360,96 +307,34 @@ class Robot:
         return {joint: found[joint] for joint in joints}, kinds.pop()
 
     def _read_arm(self, urdf: str, camera: str, frame: str = "") -> Arm:
-        try:
-            return read_arm(
-                urdf, frame or self.find_optical_frame(camera), self.find_target_frame(camera)
-            )
-        except ConfigurationError as error:
-            raise ExperimentError(f"{self.spec.urdf}: {error}") from None
+        frame = frame or self.find_optical_frame(camera)
+        with catch_setting_errors(ConfigurationError, self.spec.urdf):
+            return read_arm(urdf, frame, self.find_target_frame(camera))
 
-    def _with_frame(
-        self, urdf: str, name: str, frame: str, frame_T_child: np.ndarray
-    ) -> str:
-        """Return a copy of a description with a new link that is fixed to an optical frame.
+    def _with_frame(self, urdf: str, name: str, frame: str, frame_T_child: np.ndarray) -> str:
+        return with_frame(urdf, name, frame, frame_T_child, self.spec.urdf)
 
-        If the description has no link for the optical frame, the new link is fixed to the parent
-        of the optical frame.
-
-        Args:
-            urdf: text of the description.
-            name: name of the new link.
-            frame: name of the optical frame.
-            frame_T_child: pose (4, 4) of the new link in the optical frame.
-        """
-        last = _find_joint_path(urdf, frame, self.spec.urdf)[-1]
-        if last.child not in parse_tree(urdf).links:
-            frame, frame_T_child = last.parent, last.pose.matrix() @ frame_T_child
-        from .added_links import with_link
-
-        return with_link(urdf, name, frame, frame_T_child)
-
-    def _read_calibrated_mounting(self, urdf: str, name: str) -> tuple[str, np.ndarray]:
-        """Return the link that carries a camera, and link_T_camera, from a hand-eye calibration."""
-        from aras_visual_servo_base.urdf_changes import check_optical, find_camera_link
-
-        camera = self._cameras[name]
-        try:
-            calibration = camera.hand_eye.read(self.packages)
-            check_optical(calibration)
-            link = find_camera_link(urdf, calibration, camera.hand_eye.link)
-        except SimError as error:
-            raise ExperimentError(f"cameras.{name}.hand_eye: {error}") from None
-        return link, calibration.link_T_camera
-
-    def _apply_hand_eye(self, spec: HandEyeSpec) -> str:
-        """Return the description with the robot's camera at the pose that a hand-eye file gives."""
-        from aras_visual_servo_base.urdf_changes import mount_camera
-
-        try:
-            calibration = spec.read(self.packages)
-            return mount_camera(
-                self._original_urdf, calibration, spec.link, self.spec.camera_frame
-            )
-        except SimError as error:
-            raise ExperimentError(f"hand_eye: {error}") from None
-
-    def _move_camera(self, link_T_link: np.ndarray) -> str:
-        """Return the description with the robot's camera displaced in its link.
+    def _move_camera(self, urdf: str, link_T_link: np.ndarray) -> str:
+        """Return a description with the robot's camera displaced in its link.
 
         If camera_link carries the optical frame, camera_link is displaced, as in the launch files;
         otherwise a new optical frame is added.
         """
         if np.array_equal(link_T_link, np.eye(4)):
-            return self._original_urdf
-        path = _find_joint_path(self._original_urdf, self._own_frame, self.spec.urdf)
+            return urdf
+        path = find_joint_path(urdf, self._own_frame, self.spec.urdf)
         if not any(joint.child == CAMERA_LINK for joint in path):
             # pose of a camera's link (x forward, y left, z up) in its optical frame
             link = optical_pose(np.eye(4))
             frame, self._own_frame = self._own_frame, f"{MOVED_FRAME_PREFIX}{self._own_frame}"
             moved = inverse(link) @ link_T_link @ link
-            return self._with_frame(self._original_urdf, self._own_frame, frame, moved)
+            return self._with_frame(urdf, self._own_frame, frame, moved)
         from aras_visual_servo_base.urdf_changes import move_camera
 
         texts = (" ".join(map(repr, numbers)) for numbers in xyz_rpy_from_matrix(link_T_link))
-        try:
-            return move_camera(self._original_urdf, *texts)
-        except ValueError as error:
-            raise ExperimentError(
-                f"{self.spec.urdf}: camera_xyz and camera_rpy cannot displace the camera: {error}"
-            ) from None
-
-
-def _find_joint_path(urdf: str, camera_frame: str, name: str) -> list[Joint]:
-    """Return the joints from the root link to an optical frame.
-
-    Raises:
-        ExperimentError: there is no such frame. The message starts with `name`, the name of the
-            description.
-    """
-    try:
-        return find_camera_path(parse_tree(urdf), "", camera_frame)
-    except DescriptionError as error:
-        raise ExperimentError(f"{name}: robot description: {error}") from None
+        where = f"{self.spec.urdf}: camera_xyz and camera_rpy cannot displace the camera"
+        with catch_setting_errors(ValueError, where):
+            return move_camera(urdf, *texts)
 
 
 @functools.lru_cache(maxsize=32)

@@ -12,7 +12,7 @@ from aras_visual_servo_base.settings import check, parameter
 
 from ..errors import ExperimentError, require
 from ..targets.target_spec import PoseValues, Vector2
-from .cameras import HALF_TURN
+from .camera_specs import HALF_TURN
 
 KINDS = ("turned", "back", "plane", "looking")
 Vector3 = tuple[float, float, float]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 from dataclasses import replace
 from functools import lru_cache
@@ -20,7 +21,7 @@ from aras_visual_servo_base.yaml_files import read_text
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.kinematics import Arm
 
-from ..errors import ExperimentError, require
+from ..errors import ExperimentError, catch_setting_errors, require
 from .experiment import Experiment, SunSpec
 from .packages import PackagePath
 
@@ -60,10 +61,8 @@ def read_world(path: str, packages: PackagePath) -> WorldFile:
     Raises:
         ExperimentError: the world file is invalid.
     """
-    try:
+    with catch_setting_errors(SimError):
         world = world_file.load_world(path, packages.find) if path else WorldFile()
-    except SimError as error:
-        raise ExperimentError(str(error)) from error
     for text in world.warnings:
         _warn(path, text)
     return world
@@ -149,18 +148,14 @@ def _read_world_link(
     world: str, packages: PackagePath, model: str, link: str
 ) -> tuple[str, tuple[float, ...]]:
     """Return the path of a mesh of a world link's visuals, and the link's initial pose (m, rad)."""
-    try:
+    with catch_setting_errors(SimError):
         content = world_file.load_world(world, packages.find)
         simulation = Simulation(SimulationConfig(ground_plane=content.ground_plane))
-        try:
+        with contextlib.closing(simulation):
             world_file.populate(simulation.spawn, content)
             spawned = simulation.world.models[model]
             pose = spawned.link_pose(link).matrix()
             corners = _read_triangles(spawned.description.links[link])
-        finally:
-            simulation.close()
-    except SimError as error:
-        raise ExperimentError(str(error)) from error
     return _write_solid(corners, pose, f"{model}::{link}")
 
 
@@ -169,12 +164,10 @@ def _read_robot_link(
     urdf: str, packages: PackagePath, link: str
 ) -> tuple[str, tuple[float, ...]]:
     """Return the path of a mesh of a robot link's visuals, and the link's world pose (m, rad)."""
-    try:
+    with catch_setting_errors((SimError, ConfigurationError), "target.link"):
         robot = parse_urdf(urdf, packages.find)
         link = _find_link_name(robot, link)
         pose = Arm.find_fixed_pose(urdf, link)
-    except (SimError, ConfigurationError) as error:
-        raise ExperimentError(f"target.link: {error}") from error
     require(pose is not None, f"target.link: a joint of the robot moves '{link}'; for a target "
             "that the arm carries, set target.shape, and robot.target_frame to the link")
     return _write_solid(_read_triangles(robot.links[link]), pose, f"{robot.name}::{link}")

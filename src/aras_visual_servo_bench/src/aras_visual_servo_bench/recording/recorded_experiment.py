@@ -25,7 +25,7 @@ from ..errors import BenchError, ExperimentError
 from ..experiment.experiment import Experiment
 from ..experiment.packages import PackagePath
 from ..experiment.refused_parameters import EXPERIMENT_KEYS, GRAPH_PARAMETERS
-from ..experiment.robots import RobotSpec
+from ..experiment.robot_spec import RobotSpec
 from .ros_parameters import find_branch
 from .run_recorder import describe_settings
 

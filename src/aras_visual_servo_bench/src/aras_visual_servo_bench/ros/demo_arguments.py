@@ -18,10 +18,12 @@ from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.settings import ControllerSettings
 
 from ..errors import ExperimentError
-from ..experiment.cameras import HandEyeSpec, read_preset
+from ..experiment.camera_specs import HandEyeSpec
+from ..experiment.cameras import read_preset
 from ..experiment.experiment import CameraPoseSpec, Experiment
 from ..experiment.packages import PackagePath
-from ..experiment.robots import Robot, RobotSpec
+from ..experiment.robot_spec import RobotSpec
+from ..experiment.robots import Robot
 from ..targets.shapes import SHAPES
 from ..targets.target_factory import find_default_size, find_tracker
 from ..targets.target_spec import TargetSpec

@@ -17,7 +17,7 @@ import sys
 from aras_visual_servo_base.poses import Pose
 from aras_visual_servo_base.settings import build
 
-from ..errors import ExperimentError, StudyError
+from ..errors import ExperimentError, StudyError, catch_setting_errors, require
 from ..experiment.overrides import parse_overrides
 from ..targets.geometry import TargetMotion
 
@@ -32,15 +32,11 @@ def parse_motion(arguments: list[str]) -> TargetMotion:
     Raises:
         ExperimentError: an argument is invalid, or the target would not move.
     """
-    try:
+    with catch_setting_errors(StudyError):
         motion = build(TargetMotion, parse_overrides(arguments), "motion", ExperimentError)
-    except StudyError as error:
-        raise ExperimentError(str(error)) from None
-    if motion.is_static:
-        raise ExperimentError(
+    require(not motion.is_static,
             "the target does not move: give velocity, step or path, or give amplitude or circle "
-            "together with frequency"
-        )
+            "together with frequency")
     return motion
 
 

@@ -18,7 +18,7 @@ from aras_visual_servo_camera.model_tracker import Solid
 from aras_visual_servo_camera.model_tracker.solid import read_triangles
 from aras_visual_servo_camera.silhouette import find_silhouette_points, fit_outline_plane
 
-from ..errors import ExperimentError, OutOfViewError, require
+from ..errors import ExperimentError, OutOfViewError, catch_setting_errors, require
 from .geometry import Target, project
 from .temporary_folders import make_scratch_folder
 
@@ -101,10 +101,8 @@ def make_solid(corners: np.ndarray, name: str) -> SolidTarget:
     Raises:
         ExperimentError: the triangles are not a closed solid of plausible size.
     """
-    try:
+    with catch_setting_errors(TrackingModelError, "target"):
         solid = Solid.from_triangles(corners, name)
-    except TrackingModelError as error:
-        raise ExperimentError(f"target: {error}") from error
     return SolidTarget(solid, _write_mesh(corners, name), is_temporary=True)
 
 

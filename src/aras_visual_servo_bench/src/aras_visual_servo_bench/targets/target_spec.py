@@ -12,7 +12,7 @@ from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_base.settings import check, parameter
 from aras_visual_servo_camera.errors import VisionError
 
-from ..errors import ExperimentError, require
+from ..errors import ExperimentError, catch_setting_errors, require
 from .geometry import PlacedTarget, PoseHistory, TargetMotion
 from .shapes import SHAPES
 from .target_factory import find_shape, is_solid, list_parameters, make_target
@@ -191,10 +191,8 @@ class TargetSpec:
         """
         from aras_visual_servo_camera.markers import MarkerChoice
 
-        try:
+        with catch_setting_errors(VisionError):
             choice = MarkerChoice.read(self.marker, "target.marker")
-        except VisionError as error:
-            raise ExperimentError(str(error)) from None
         require(
             not draws_marker or choice.board is None,
             f"target.marker of the shape '{self.shape}' must be a single marker: for a board, give "

@@ -10,7 +10,7 @@ import numpy as np
 from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.image_files import read_image_size, read_on_white
 
-from ..errors import ExperimentError
+from ..errors import catch_setting_errors, require
 from .geometry import Target, project
 
 PIXELS = 1200  # longer side of a generated texture, px
@@ -78,13 +78,10 @@ def read_image_target(path: Path, size: tuple[float, float]) -> TexturedTarget:
     Raises:
         ExperimentError: the image cannot be read, or its header gives too large a size.
     """
-    try:
-        size_px = read_image_size(path)
-    except DescriptionError as error:
-        raise ExperimentError(f"target.texture: {error}") from None
-    pixels = read_on_white(path) if size_px is not None else None
-    if pixels is None or pixels.size == 0:
-        raise ExperimentError(f"target.texture: {path} is not a readable image: give a PNG")
+    with catch_setting_errors(DescriptionError, "target.texture"):
+        pixels = None if read_image_size(path) is None else read_on_white(path)
+    require(pixels is not None and pixels.size > 0,
+            f"target.texture: {path} is not a readable image: give a PNG")
     return TexturedTarget(pixels, size)
 
 

@@ -6,7 +6,6 @@ Topics are found by their types, so bags with any namespaces, cameras and robots
 from __future__ import annotations
 
 import contextlib
-import io
 import struct
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
@@ -26,6 +25,7 @@ from ..recording.image_tracks import find_nearest
 from ..recording.message_run_builder import MessageRunBuilder
 from ..recording.recorded_experiment import RecordedExperiment
 from ..recording.run import Run
+from .bag_file import open_bag
 from .recorded_clock import CLOCK_TOLERANCE_NS, STATES_TOLERANCE_NS, RecordedClock
 
 if TYPE_CHECKING:
@@ -76,17 +76,11 @@ def read_bag(
     Raises:
         BenchError: the file cannot be read, or lacks data that a report needs.
     """
-    import rosbag
-
     path = Path(path)
-    try:
-        bag, note = open_bag(path)
-        with bag:
-            reader = BagReader(bag, path)
-            reader.read(progress)
-            run = MessageRunBuilder(reader).build_run(name or _find_name(path))
-    except (OSError, rosbag.ROSBagException, struct.error, ValueError, RuntimeError) as error:
-        raise BenchError(f"cannot read the bag {path}: {error}") from error
+    with open_bag(path) as (bag, note):
+        reader = BagReader(bag, path)
+        reader.read(progress)
+        run = MessageRunBuilder(reader).build_run(name or _find_name(path))
     if note:
         run.notes.insert(0, note)
     return run
@@ -98,18 +92,12 @@ def read_recorded_experiment(path: Path) -> RecordedExperiment:
     Raises:
         BenchError: the file cannot be read.
     """
-    import rosbag
-
     text = ""
-    try:
-        bag, _ = open_bag(path)
-        with bag:
-            topics = bag.get_type_and_topic_info().topics
-            topic = find_topics({name: one.msg_type for name, one in topics.items()}).experiment
-            for _, raw, _ in bag.read_messages([topic], raw=True) if topic else ():
-                text = unpack(raw).data
-    except (OSError, rosbag.ROSBagException, struct.error, ValueError, RuntimeError) as error:
-        raise BenchError(f"cannot read the bag {path}: {error}") from error
+    with open_bag(path) as (bag, _):
+        topics = bag.get_type_and_topic_info().topics
+        topic = find_topics({name: one.msg_type for name, one in topics.items()}).experiment
+        for _, raw, _ in bag.read_messages([topic], raw=True) if topic else ():
+            text = unpack(raw).data
     return RecordedExperiment.from_text(text)
 
 
@@ -117,42 +105,6 @@ def _find_name(path: Path) -> str:
     """Return the file's name without suffix, or the folder's name if the file is named run.bag."""
     stem = path.name.split(".")[0]
     return path.resolve().parent.name if stem == "run" else stem
-
-
-def open_bag(path: Path) -> tuple[rosbag.Bag, str]:
-    """Open a bag, and return it together with a note for the report.
-
-    If the bag was not closed, the note says so; otherwise it is ''.
-    """
-    import rosbag
-
-    try:
-        return rosbag.Bag(str(path)), ""
-    except rosbag.ROSBagUnindexedException:
-        return _reindex(path), (
-            "the bag was not closed: it is still being recorded, or its recorder was killed. The "
-            "report covers the complete chunks of the file."
-        )
-
-
-def _reindex(path: Path) -> rosbag.Bag:
-    """Index the complete chunks of an unclosed bag without changing the file."""
-    import rosbag
-
-    bag = rosbag.Bag(str(path), allow_unindexed=True)
-    # The connection records at the end of the file may be incomplete, so they are not read. The
-    # chunks contain the same records.
-    bag._reader._read_terminal_connection_records = lambda: None
-    # At its end, `reindex` tries to truncate the file. This fails, because the file is open for
-    # reading only, and the error is ignored.
-    with contextlib.suppress(io.UnsupportedOperation):
-        for _ in bag.reindex():
-            pass
-    # the last chunk may be incomplete: drop the index entries of its messages
-    for entries in bag._connection_indexes.values():
-        entries[:] = [entry for entry in entries if entry.chunk_pos in bag._chunk_headers]
-    bag._connection_indexes_read = True
-    return bag
 
 
 def find_topics(kinds: Mapping[str, str]) -> SimpleNamespace:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections import Counter
 from collections.abc import Callable
 from functools import cache
@@ -13,7 +12,7 @@ import rosbag
 from mcap.writer import Writer
 
 from ..errors import BenchError
-from .bag import open_bag
+from .bag_file import open_bag
 
 
 def convert(
@@ -35,13 +34,13 @@ def convert(
     """
     part = out.with_name(out.name + ".part")
     try:
-        source, _ = open_bag(bag)
-        with source, part.open("wb") as stream:
-            counts = _copy_messages(source, stream, bag.name, progress)
-        part.replace(out)
-    except (OSError, rosbag.ROSBagException, struct.error, ValueError, RuntimeError) as error:
+        with open_bag(bag, f"cannot convert {bag} into {out}") as (source, _):
+            with part.open("wb") as stream:
+                counts = _copy_messages(source, stream, bag.name, progress)
+            part.replace(out)
+    except BenchError:
         part.unlink(missing_ok=True)
-        raise BenchError(f"cannot convert {bag} into {out}: {error}") from error
+        raise
     return counts
 
 

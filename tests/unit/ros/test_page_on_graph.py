@@ -316,7 +316,7 @@ def test_a_joint_is_driven_for_a_moment(graph, life, listener, driven):
     stopped = []
     rospy.Service("/two/controller/stop", Trigger, lambda _: stopped.append(life.now) or (
         Trigger._response_class(True, "")))
-    assert driven.move_camera([0.0] * 6) == "" and not graph.publishers.get("/two/both")
+    assert driven.move_camera(*[0.0] * 6) == "" and not graph.publishers.get("/two/both")
     assert driven.run(0.3) == []
     listener.run_trace.state = made_state(1.0, "stopped")
     assert driven.move_joint("elbow", -0.5) == "" and not stopped
@@ -334,10 +334,10 @@ def test_a_joint_is_driven_for_a_moment(graph, life, listener, driven):
 
 def test_the_camera_is_driven_by_a_twist(graph, life, listener, driven):
     way = listener.run_trace.arm.pose(listener.positions)[:3, :3].T @ np.array([1.0, 0.0, 0.0])
-    driven.move_camera([*(0.1 * way), 0.0, 0.0, 0.0])
-    driven.move_camera([0.0] * 6)  # at once
+    driven.move_camera(*(0.1 * way), 0.0, 0.0, 0.0)
+    driven.move_camera(*[0.0] * 6)  # at once
     assert np.ptp(driven.run(0.3), axis=0).max() < 1e-9
-    driven.move_camera([0.25, 0.1, -0.1, 0.3, 0.2, 0.5])
+    driven.move_camera(0.25, 0.1, -0.1, 0.3, 0.2, 0.5)
     assert np.ptp(driven.run(0.3), axis=0).max() > 1e-3
 
 
@@ -357,7 +357,7 @@ def test_another_robot_is_driven_by_topics_of_its_own(graph, life, listener, dri
         driven.move_joint("wrist", 0.5)
     listener.run_trace = None
     with pytest.raises(RefusedRequestError, match="^no joint states are received"):
-        driven.move_camera([0.1] * 6)
+        driven.move_camera(*[0.1] * 6)
 
 
 def test_joints_without_a_controller_are_not_driven(graph, life, monkeypatch):

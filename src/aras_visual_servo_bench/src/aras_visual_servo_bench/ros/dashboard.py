@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import sys
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -78,26 +80,25 @@ class Dashboard:
         self._model_lock = threading.Lock()
         listener.on_state = self.page.add_sample
         commands, files, teleoperator = self._commands, self._session_files, self._teleoperator
-        self._handlers = {
-            **{name: lambda g, n=name: commands.control_loop(n)
-                for name in ("start", "stop", "hold")},
-            "reset": lambda g: commands.control_clock("reset_simulation"),
-            "pause": lambda g: commands.control_clock("pause_physics"),
-            "resume": lambda g: commands.control_clock("unpause_physics"),
-            "step": lambda g: commands.step(**g),
-            "gain": lambda g: commands.set_gain(**g),
-            "servo": lambda g: commands.restart_nodes(**g),
-            "goal": lambda g: commands.move_goal(**g),
-            "camera": lambda g: commands.change_camera(**g),
-            "target": lambda g: commands.change_target(**g),
-            "teach": lambda g: self._teach(g["name"]),
-            "record": lambda g: files.start_recording(),
-            "stop_record": lambda g: files.stop_recording(),
-            "report": lambda g: files.make_report(),
-            "jog": lambda g: teleoperator.move_camera([g[k]
-                for k in ("vx", "vy", "vz", "wx", "wy", "wz")]),
-            "jog_joint": lambda g: teleoperator.move_joint(g["joint"], g["speed"]),
-        }  # fmt: skip
+        # For each request, the function that executes it; its arguments are the request's fields.
+        self._handlers: dict[str, Callable[..., str]] = {
+            **{name: partial(commands.control_loop, name) for name in ("start", "stop", "hold")},
+            "reset": partial(commands.control_clock, "reset_simulation"),
+            "pause": partial(commands.control_clock, "pause_physics"),
+            "resume": partial(commands.control_clock, "unpause_physics"),
+            "step": commands.step,
+            "gain": commands.set_gain,
+            "servo": commands.restart_nodes,
+            "goal": commands.move_goal,
+            "camera": commands.change_camera,
+            "target": commands.change_target,
+            "teach": self._teach,
+            "record": files.start_recording,
+            "stop_record": files.stop_recording,
+            "report": files.make_report,
+            "jog": teleoperator.move_camera,
+            "jog_joint": teleoperator.move_joint,
+        }
 
     def make_update(self) -> dict[str, Any]:
         """Return a message with all values that have changed since the last call."""
@@ -144,7 +145,7 @@ class Dashboard:
             RefusedRequestError: the request cannot be executed.
         """
         try:
-            return self._handlers[request.do](request.arguments)
+            return self._handlers[request.do](**request.arguments)
         except (ServoError, OSError, rospy.ROSException) as error:
             raise RefusedRequestError(str(error)) from error
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Sequence
 
 import rospy
 
@@ -31,14 +30,19 @@ class Teleoperator:
         self._wake = threading.Event()
         threading.Thread(target=self._run, name="teleoperator", daemon=True).start()
 
-    def move_camera(self, twist: Sequence[float]) -> str:
+    def move_camera(
+        self, vx: float, vy: float, vz: float, wx: float, wy: float, wz: float
+    ) -> str:
         """Move the camera for a short time.
 
-        twist: (6,) twist of the camera in its optical frame, m/s and rad/s.
+        Args:
+            vx, vy, vz: velocity of the camera in its optical frame, m/s.
+            wx, wy, wz: angular velocity of the camera in its optical frame, rad/s.
 
         Returns:
             The reason why the motion is limited, or ''.
         """
+        twist = (vx, vy, vz, wx, wy, wz)
         jog = self._start_jog() if any(twist) else self._jog
         if jog is None:
             return ""
@@ -47,19 +51,19 @@ class Teleoperator:
         self._wake.set()
         return jog.reason
 
-    def move_joint(self, name: str, fraction: float) -> str:
+    def move_joint(self, joint: str, speed: float) -> str:
         """Move one joint for a short time.
 
         Args:
-            name: name of the joint.
-            fraction: velocity as a fraction of the joint's largest velocity for jogging, -1 to 1.
+            joint: name of the joint.
+            speed: velocity as a fraction of the joint's largest velocity for jogging, -1 to 1.
 
         Returns:
             The reason why the motion is limited, or ''.
         """
         jog = self._start_jog()
         with self._lock:
-            jog.set_joint_speed(name, fraction, time.monotonic())
+            jog.set_joint_speed(joint, speed, time.monotonic())
         self._wake.set()
         return jog.reason
 

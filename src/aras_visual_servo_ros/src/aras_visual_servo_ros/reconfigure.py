@@ -28,6 +28,13 @@ from dynamic_reconfigure.srv import Reconfigure, ReconfigureResponse
 
 from aras_visual_servo_ros.parameters import InvalidParameterError, Value
 
+# For each type of a parameter: the list of a Config message that contains such parameters, the type
+# of the list's entries, and the Python type of their values.
+ENCODINGS = {
+    "bool": ("bools", BoolParameter, bool), "int": ("ints", IntParameter, int),
+    "str": ("strs", StrParameter, str), "double": ("doubles", DoubleParameter, float),
+}  # fmt: skip
+
 
 @dataclass(frozen=True)
 class ReconfigurableParameter:
@@ -151,14 +158,8 @@ class ReconfigureServer:
     def _encode(self, values: Mapping[str, Value]) -> Config:
         message = Config(groups=[GroupState(name="Default", state=True, id=0, parent=0)])
         for name, field in self._fields.items():
-            if field.type == "bool":
-                message.bools.append(BoolParameter(name, bool(values[name])))
-            elif field.type == "int":
-                message.ints.append(IntParameter(name, int(values[name])))
-            elif field.type == "str":
-                message.strs.append(StrParameter(name, str(values[name])))
-            else:
-                message.doubles.append(DoubleParameter(name, float(values[name])))
+            list_name, kind, convert = ENCODINGS[field.type]
+            getattr(message, list_name).append(kind(name, convert(values[name])))
         return message
 
     def _describe(self) -> ConfigDescription:

@@ -75,7 +75,8 @@ class PageCommands:
         self.gains: dict[str, float] = {}
         self.selection: dict[str, str] = {}
         self._launch: RosLaunch | None = None
-        self._packages = rospkg.RosPack()
+        # package with the camera presets and the targets
+        self._gazebo = Path(rospkg.RosPack().get_path("aras_visual_servo_gazebo"))
         # Settings of the camera in the robot description, and the name of the preset that has the
         # same settings.
         self._camera: tuple[dict[str, Any] | None, str] = None, ""
@@ -83,27 +84,29 @@ class PageCommands:
 
     def list_choices(self) -> dict[str, list[str]]:
         """Return the names in each selection list of the page, by the key of the list."""
-        gazebo = Path(self._packages.get_path("aras_visual_servo_gazebo"))
-        starts = read_yaml(
-            self._settings.package / "config" / "starts.yaml", ConfigurationError
-        )
-        shipped = sorted(p.stem[5:] for p in self._settings.package.glob("config/goal_*.yaml"))
+        package, selection = self._settings.package, self.read_selection()
+        shipped = sorted(p.stem[5:] for p in package.glob("config/goal_*.yaml"))
         taught = sorted(p.stem for p in self.directory.glob("goals/*.yaml"))
-        selection = self.read_selection()
-        running = {kind: [selection[key]] if selection.get(key) else [] for kind, key in (
-            ("schemes", "scheme"), ("laws", "law"), ("starts", "start"), ("goals", "goal"))}
         of_one_camera = sorted(
             name for name, scheme in SCHEMES.items() if getattr(scheme, "camera_count", 1) == 1
         )
+        starts = read_yaml(package / "config" / "starts.yaml", ConfigurationError)
+        choices = {
+            "scheme": of_one_camera,
+            "law": sorted(LAWS),
+            "start": ["none", *sorted(starts)],
+            "goal": ["auto", *shipped, *taught],
+        }
+        for key, names in choices.items():
+            if selection.get(key):
+                names.append(selection[key])
+        trace = self._listener.run_trace
         return {
-            "schemes": _remove_duplicates([*of_one_camera, *running["schemes"]]),
-            "laws": _remove_duplicates([*sorted(LAWS), *running["laws"]]),
-            "starts": _remove_duplicates(["none", *sorted(starts), *running["starts"]]),
-            "goals": _remove_duplicates(["auto", *shipped, *taught, *running["goals"]]),
-            "cameras": sorted(p.stem for p in gazebo.glob("config/cameras/*.yaml")),
-            "targets": sorted(p.stem for p in gazebo.glob("targets/*.urdf")),
+            **{f"{key}s": list(dict.fromkeys(names)) for key, names in choices.items()},
+            "cameras": sorted(p.stem for p in self._gazebo.glob("config/cameras/*.yaml")),
+            "targets": sorted(p.stem for p in self._gazebo.glob("targets/*.urdf")),
             "gains": sorted(self.gains),
-            "joints": list(self._listener.run_trace.arm.names) if self._listener.run_trace else [],
+            "joints": [] if trace is None else list(trace.arm.names),
         }
 
     def read_selection(self) -> dict[str, str]:
@@ -209,16 +212,20 @@ class PageCommands:
         except ServoError as error:
             raise RefusedRequestError(f"this goal is not possible: {error}") from error
         values = dict(zip(trace.arm.names, joints.tolist(), strict=True))
-        path = self._write_file("moved", replace(predicted, joints=values).to_yaml(
-            "Goal with an offset from the live page."))
-        text = self._start_nodes(
+        moved_goal = replace(predicted, joints=values)
+        path = self.directory / "goals" / "moved.yaml"
+        with catch_write_errors(path, RefusedRequestError):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            text = moved_goal.to_yaml("Goal with an offset from the live page.")
+            path.write_text(text, encoding="utf-8")
+        answer = self._start_nodes(
             selection.get("scheme", "moments"), selection["law"], "none", str(path)
         )
         self.selection["goal before"] = before
         distance, angle = pose_difference(moved, reached)
         if max(distance, angle) < POSE_TOLERANCE:
-            return text
-        return (f"{text}; the nearest reachable pose differs from the requested one by "
+            return answer
+        return (f"{answer}; the nearest reachable pose differs from the requested one by "
                 f"{1e3 * distance:.3f} mm and {math.degrees(angle):.3f} degrees")
 
     def _start_nodes(self, scheme: str, law: str, start: str, goal: str) -> str:
@@ -274,10 +281,8 @@ class PageCommands:
 
     def change_camera(self, preset: str) -> str:
         """Respawn the robot with another camera preset, and reload its controllers."""
-        gazebo = Path(self._packages.get_path("aras_visual_servo_gazebo"))
-        settings = read_yaml(
-            gazebo / "config" / "cameras" / f"{preset}.yaml", ConfigurationError
-        )
+        path = self._gazebo / "config" / "cameras" / f"{preset}.yaml"
+        settings = read_yaml(path, ConfigurationError)
         manager = f"{self._namespace}/controller_manager"
         with self._lock:
             controllers = self._call(f"{manager}/list_controllers", ListControllers,
@@ -307,8 +312,7 @@ class PageCommands:
 
     def change_target(self, name: str) -> str:
         """Replace the target by the shipped target `name`, at the same pose."""
-        gazebo = Path(self._packages.get_path("aras_visual_servo_gazebo"))
-        text = (gazebo / "targets" / f"{name}.urdf").read_text(encoding="utf-8")
+        text = (self._gazebo / "targets" / f"{name}.urdf").read_text(encoding="utf-8")
         with self._lock:
             state = self._call("/gazebo/get_model_state", GetModelState, "", TARGET, "")
             if not state.success:
@@ -330,13 +334,6 @@ class PageCommands:
 
     def _on_gains(self, message: Config) -> None:
         self.gains = {entry.name: round(entry.value, 6) for entry in message.doubles}
-
-    def _write_file(self, name: str, text: str) -> Path:
-        path = self.directory / "goals" / f"{name}.yaml"
-        with catch_write_errors(path, RefusedRequestError):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text, encoding="utf-8")
-        return path
 
     @staticmethod
     def _wait(condition: Callable[[], Any], seconds: float) -> Any:
@@ -364,7 +361,3 @@ class PageCommands:
         except (rospy.ROSException, rospy.ServiceException, OSError) as error:
             why = f"{name} does not answer" + (f" ({hint})" if hint else f": {error}")
             raise RefusedRequestError(why) from error
-
-
-def _remove_duplicates(names: list[str]) -> list[str]:
-    return list(dict.fromkeys(names))

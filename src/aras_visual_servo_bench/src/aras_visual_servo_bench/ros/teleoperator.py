@@ -8,7 +8,6 @@ import time
 import rospy
 
 from aras_visual_servo_controller.errors import ConfigurationError
-from aras_visual_servo_controller.kinematics import DifferentialIK
 from aras_visual_servo_controller.ros.command_publishers import CommandPublishers, stop_controller
 from aras_visual_servo_controller.settings import ControllerSettings
 from aras_visual_servo_controller.teleop.jog import Jog
@@ -88,7 +87,7 @@ class Teleoperator:
             with self._lock:
                 if self._topics is not None:
                     self._topics.close()
-                self._jog = Jog(trace.arm, limits, DifferentialIK(trace.arm, limits))
+                self._jog = Jog(trace.arm, limits)
                 self._topics = topics
         return self._jog
 

@@ -17,7 +17,6 @@ from aras_visual_servo_ros.log_folder import check_log_folder
 from aras_visual_servo_ros.rospy_patches import find_publishers
 
 from ..errors import ConfigurationError, MeasurementError, ServoError
-from ..kinematics import DifferentialIK
 from ..teleop import keyboard
 from ..teleop.gamepad import HELP, JoyDevice, compute_twist
 from ..teleop.jog import Jog
@@ -46,7 +45,7 @@ class Teleop:
         for name in self._joints.values():
             if name not in arm.names:
                 raise ConfigurationError(describe_unknown("joint", name, arm.names))
-        self._jog = Jog(arm, self._limits, DifferentialIK(arm, self._limits))
+        self._jog = Jog(arm, self._limits)
         self._keys = keyboard.KeyboardState(arm.names)
         self._command_publishers = CommandPublishers(settings, arm.names, "position")
         self._measured: np.ndarray | None = None

@@ -6,6 +6,7 @@ joy_node).
 
 from __future__ import annotations
 
+import contextlib
 import struct
 import threading
 from collections.abc import Sequence
@@ -58,8 +59,8 @@ class JoyDevice:
     """A gamepad that is read from the kernel (/dev/input/js0) without joy_node.
 
     Attributes:
-        axes, buttons: current values, with the signs of Joy messages.
-        is_disconnected: whether the gamepad was unplugged.
+        axes, buttons: current values, with the signs of Joy messages; 0 after the gamepad was
+            unplugged.
     """
 
     def __init__(self, path: Path) -> None:
@@ -69,16 +70,14 @@ class JoyDevice:
             OSError: the device cannot be read.
         """
         self._file = path.open("rb", buffering=0)
-        self.axes, self.buttons, self.is_disconnected = [0.0] * 8, [0] * 16, False
+        self.axes, self.buttons = [0.0] * 8, [0] * 16
         threading.Thread(target=self._read, name="gamepad", daemon=True).start()
 
     def _read(self) -> None:
-        try:
+        with contextlib.suppress(OSError):
             while len(event := self._file.read(EVENT.size)) == EVENT.size:
                 self.handle_event(event)
-        except OSError:
-            pass
-        self.is_disconnected, self.axes, self.buttons = True, [0.0] * 8, [0] * 16
+        self.axes, self.buttons = [0.0] * 8, [0] * 16  # the gamepad was unplugged
 
     def handle_event(self, event: bytes) -> None:
         """Process one joydev event, whose axes are positive to the right and down."""

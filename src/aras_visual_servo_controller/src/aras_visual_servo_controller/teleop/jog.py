@@ -37,20 +37,10 @@ class Jog:
         max_speeds: (n,) maximum joint speeds, rad/s or m/s.
     """
 
-    def __init__(
-        self, arm: Arm, limits: CommandLimits, differential_ik: DifferentialIK | None = None
-    ) -> None:
-        """Create the generator.
-
-        Args:
-            arm: arm to move.
-            limits: joint limits of the commands.
-            differential_ik: inverse kinematics; None for one without secondary tasks.
-        """
+    def __init__(self, arm: Arm, limits: CommandLimits) -> None:
+        """Create the generator for an arm and the joint limits of its commands."""
         self.arm, self.limits = arm, limits
-        self._differential_ik = (
-            differential_ik if differential_ik is not None else DifferentialIK(arm, limits)
-        )
+        self._differential_ik = DifferentialIK(arm, limits)
         self.max_speeds = np.where(
             np.isfinite(limits.velocity), limits.velocity, DEFAULT_JOINT_SPEED
         )
@@ -103,16 +93,8 @@ class Jog:
     def _set_desired(self, values: np.ndarray, is_camera_twist: bool, t: float) -> None:
         if is_camera_twist != self._is_camera_twist or self._ramped.shape != values.shape:
             self._ramped = np.zeros_like(values)
-        self._desired, self._is_camera_twist, self._expiry_time = (
-            values,
-            is_camera_twist,
-            t + COMMAND_LIFETIME,
-        )
-
-    @property
-    def is_moving(self) -> bool:
-        """Whether commands have to be sent, because a speed is requested or the arm is stopping."""
-        return self._command is not None
+        self._desired, self._is_camera_twist = values, is_camera_twist
+        self._expiry_time = t + COMMAND_LIFETIME
 
     def update(self, t: float, positions: np.ndarray) -> np.ndarray | None:
         """Compute the command (n,) at the time t (s) from measured joint positions (n,).

@@ -25,7 +25,7 @@ import sys
 import termios
 import tty
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -71,14 +71,12 @@ def step_joint(
     A step that would exceed the limits is not made.
 
     Args:
-        key: pressed key.
+        key: pressed arrow key, one of KEYS.
         command: (n,) present command, rad or m.
         limits: joint limits.
         joints: names of the joints that the arrow keys move: 'across' for left and right, 'along'
             for up and down.
     """
-    if key not in KEYS:
-        return command, ""
     way, step = KEYS[key]
     name = joints[way]
     joint = limits.names.index(name)
@@ -102,7 +100,7 @@ class KeyboardState:
 
     names: Sequence[str]
     selected_joint: int = 0
-    speed: int = field(default=2)
+    speed: int = 2
 
     def press(self, key: str, jog: Jog, t: float) -> tuple[bool, str]:
         """Process a key at the time t (s).

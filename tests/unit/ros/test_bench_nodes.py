@@ -390,14 +390,14 @@ def test_launches_of_the_same_master_are_found(tmp_path, monkeypatch):
 
 
 def test_a_demo_follows_the_controller(graph, life):
-    progress = controller_watch.ControllerWatch().progress
+    watch = controller_watch.ControllerWatch()
     assert life.begun == [("aras_visual_servo_demo", dict.fromkeys(
         ("anonymous", "disable_signals", "disable_rostime"), True))]
-    assert progress == controller_watch.RunProgress()
+    assert (watch.phase, watch.start_stamp, watch.has_joint_states) == ("", None, False)
     waiting = {topic.rpartition("/")[2]: more for topic, (_, more) in graph.heard.items()}
     assert waiting == {"joint_states": {"queue_size": 1}, "state": {"queue_size": 10}}
     graph.subscribers["/aras_visual_servo/joint_states"](joint_states(1.0))
-    assert progress.has_joint_states and "/aras_visual_servo/joint_states" not in graph.subscribers
+    assert watch.has_joint_states and "/aras_visual_servo/joint_states" not in graph.subscribers
     hear = graph.subscribers["/aras_visual_servo/controller/state"]
     for stamp, phase, began, converged in (
         (1.5, "approaching", None, None), (2.5, "servoing", 2.5, None),
@@ -406,8 +406,8 @@ def test_a_demo_follows_the_controller(graph, life):
     ):
         hear(ServoState(header=Header(stamp=rospy.Time.from_sec(stamp)), phase=phase,
                         reason=f"for {phase}"))
-        assert (progress.phase, progress.reason) == (phase, f"for {phase}")
-        stamps = progress.stamp, progress.start_stamp, progress.convergence_stamp
+        assert (watch.phase, watch.reason) == (phase, f"for {phase}")
+        stamps = watch.stamp, watch.start_stamp, watch.convergence_stamp
         assert stamps == (stamp, began, converged)
 
 
@@ -515,11 +515,11 @@ def launch(tmp_path, roslaunch, monkeypatch):
 
     monkeypatch.setattr(subprocess, "Popen", popen)
     monkeypatch.setattr(os, "kill", guarded)
+    monkeypatch.setenv("MINE", "yes")
 
     def start(script):
         roslaunch(script)
-        begun.append(ros_launch.RosLaunch(["a", "b:=1"], tmp_path / "the.log",
-                                          {**os.environ, "MINE": "yes"}))
+        begun.append(ros_launch.RosLaunch(["a", "b:=1"], tmp_path / "the.log"))
         return begun[-1]
 
     begun = []
@@ -564,7 +564,7 @@ def test_nothing_of_a_launch_is_left_behind(launch, monkeypatch):
     assert os.getsid(child) != os.getsid(0)
     monkeypatch.setattr(os, "kill", lambda *given: (sent.add(given), kill(*given)))
     one.stop(0.1)
-    assert {(child, signal.SIGTERM), (child, signal.SIGKILL)} <= sent and 0.05 in slept
+    assert {(child, signal.SIGTERM), (child, signal.SIGKILL)} <= sent and 0.1 in slept
     assert not one.running and until(lambda: not Path(f"/proc/{child}").exists() or (
         b"Z" in Path(f"/proc/{child}/stat").read_bytes().rpartition(b")")[2].split()[:1]))
 

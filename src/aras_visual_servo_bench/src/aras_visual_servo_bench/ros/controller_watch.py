@@ -1,17 +1,19 @@
 """Subscribers with which the demo observes a run: state of the controller, joint states."""
 
 import contextlib
-import time
 import xmlrpc.client
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
 
 import rosgraph
 
+from .ros_launch import wait_until
 
-@dataclass
-class RunProgress:
-    """Progress of a run. All stamps are in s.
+
+class ControllerWatch:
+    """Subscribers of the demo process, which store the progress of a run. All stamps are in s.
+
+    The process uses wall time, not simulated time.
 
     Attributes:
         phase, reason: phase and reason in the controller's latest state; '' before its first state.
@@ -19,20 +21,6 @@ class RunProgress:
         convergence_stamp: stamp at which the controller converged; None if it is not converged now.
         stamp: stamp of the controller's latest state.
         has_joint_states: True after the first joint state.
-    """
-
-    phase: str = ""
-    reason: str = ""
-    start_stamp: float | None = None
-    convergence_stamp: float | None = None
-    stamp: float = 0.0
-    has_joint_states: bool = False
-
-
-class ControllerWatch:
-    """Subscribers of the demo process, which update a RunProgress.
-
-    The process uses wall time, not simulated time.
     """
 
     def __init__(self) -> None:
@@ -43,7 +31,11 @@ class ControllerWatch:
         from aras_visual_servo_ros.log_folder import check_log_folder
         from aras_visual_servo_ros.rospy_patches import find_publishers
 
-        self.progress = RunProgress()
+        self.phase = self.reason = ""
+        self.start_stamp: float | None = None
+        self.convergence_stamp: float | None = None
+        self.stamp = 0.0
+        self.has_joint_states = False
         find_publishers()
         check_log_folder("aras_visual_servo_demo")
         rospy.init_node(
@@ -57,21 +49,21 @@ class ControllerWatch:
         )
 
     def _on_joints(self, message) -> None:
-        self.progress.has_joint_states = True
+        self.has_joint_states = True
         self._joints.unregister()
 
     def _on_state(self, message) -> None:
-        progress, stamp = self.progress, message.header.stamp.to_sec()
-        progress.phase, progress.reason, progress.stamp = message.phase, message.reason, stamp
-        if progress.start_stamp is None and message.phase in ("servoing", "converged"):
-            progress.start_stamp = stamp
+        stamp = message.header.stamp.to_sec()
+        self.phase, self.reason, self.stamp = message.phase, message.reason, stamp
+        if self.start_stamp is None and message.phase in ("servoing", "converged"):
+            self.start_stamp = stamp
         if message.phase != "converged":
-            progress.convergence_stamp = None
-        elif progress.convergence_stamp is None:
-            progress.convergence_stamp = stamp
+            self.convergence_stamp = None
+        elif self.convergence_stamp is None:
+            self.convergence_stamp = stamp
 
 
-def wait_for_master(uri: str, is_alive, timeout: float) -> bool:
+def wait_for_master(uri: str, is_alive: Callable[[], bool], timeout: float) -> bool:
     """Wait until a ROS master answers, and return whether it does.
 
     Args:
@@ -80,13 +72,13 @@ def wait_for_master(uri: str, is_alive, timeout: float) -> bool:
             waiting ends.
         timeout: longest waiting time, s.
     """
-    deadline = time.monotonic() + timeout
-    while time.monotonic() < deadline and is_alive():
+
+    def is_online() -> bool:
         with contextlib.suppress(OSError):
-            if rosgraph.is_master_online(uri):
-                return True
-        time.sleep(0.1)
-    return False
+            return rosgraph.is_master_online(uri)
+        return False
+
+    return wait_until(lambda: not is_alive() or is_online(), timeout) and is_alive()
 
 
 def stop_recorder(uri: str, bag: Path, timeout: float = 15.0) -> bool:
@@ -97,9 +89,4 @@ def stop_recorder(uri: str, bag: Path, timeout: float = 15.0) -> bool:
     with contextlib.suppress(OSError, rosgraph.MasterException, xmlrpc.client.Error):
         node = rosgraph.Master("/aras_visual_servo_demo", uri).lookupNode("/record")
         xmlrpc.client.ServerProxy(node).shutdown("/aras_visual_servo_demo", "the run has ended")
-    deadline = time.monotonic() + timeout
-    while time.monotonic() < deadline:
-        if bag.exists() and not active.exists():
-            return True
-        time.sleep(0.1)
-    return False
+    return wait_until(lambda: bag.exists() and not active.exists(), timeout)

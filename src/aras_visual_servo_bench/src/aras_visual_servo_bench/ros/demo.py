@@ -5,13 +5,16 @@ status is 0 if the controller has converged, 1 if not or after an error, 2 for i
 and 130 after ^C.
 """
 
+from __future__ import annotations
+
 import argparse
 import math
 import os
 import signal
 import sys
 import time
-from typing import Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import rospy
 
@@ -21,6 +24,9 @@ from aras_visual_servo_controller.records.state import HOLDING
 from ..errors import BenchError
 from .demo_arguments import LAUNCH_FILES, parse
 from .ros_launch import RosLaunch, find_free_port
+
+if TYPE_CHECKING:
+    from .controller_watch import ControllerWatch
 
 STARTUP_TIMEOUT = 300.0  # longest duration of each step of the startup, s of wall time
 # Duration of a step of the startup after which a message names this step, s of wall time.
@@ -43,7 +49,7 @@ class Demo:
         self.bag = self.output_folder / "run.bag"
         self.uri = f"http://localhost:{find_free_port()}"
         self.launches: list[RosLaunch] = []
-        self.progress: Any = None
+        self._watch: ControllerWatch | None = None
         self._check_time = -math.inf
         self._hold_start_time: float | None = None
 
@@ -71,22 +77,17 @@ class Demo:
         os.environ.pop("ROS_HOSTNAME", None)
         world, loop = LAUNCH_FILES
         robot = self._launch(
-            "simulator",
-            ["-p", port, "aras_visual_servo_gazebo", world],
-            record="true",
-            bag=str(self.bag),
-            **self._make_world_arguments(),
-            show_rviz=str(self.arguments.rviz).lower(),
-            server_required="true",
+            "simulator", ["-p", port, "aras_visual_servo_gazebo", world],
+            record="true", bag=str(self.bag), show_rviz=str(self.arguments.rviz).lower(),
+            server_required="true", **self._make_world_arguments(),
             **self.arguments.further[world],
-        )
+        )  # fmt: skip
         if not wait_for_master(self.uri, lambda: robot.running, STARTUP_TIMEOUT):
             raise ServoError(f"the simulator did not start:\n{robot.read_last_lines()}")
-        self.progress = ControllerWatch().progress
+        self._watch = ControllerWatch()
         active = self.bag.with_name(self.bag.name + ".active")
         self._wait(
-            lambda: self.progress.has_joint_states and active.exists(),
-            STARTUP_TIMEOUT,
+            lambda: self._watch.has_joint_states and active.exists(),
             "the simulated robot and the recorder",
         )
         # rosbag subscribes to a new topic only after 1 s. The parameter `listeners` makes the
@@ -98,26 +99,22 @@ class Demo:
                 rospy.set_param(f"{node}/{name}", value)
         _print_status("starting the camera and controller nodes")
         self._launch(
-            "nodes",
-            ["aras_visual_servo_gazebo", loop],
-            scheme=self.arguments.scheme,
-            start=self.arguments.start,
-            goal=self._find_goal(),
-            **self.arguments.further[loop],
-        )
+            "nodes", ["aras_visual_servo_gazebo", loop], scheme=self.arguments.scheme,
+            start=self.arguments.start, goal=self._find_goal(), **self.arguments.further[loop],
+        )  # fmt: skip
 
     def _servo(self) -> None:
         """Wait until the controller has converged or the time limit is reached."""
-        progress, printed_phase = self.progress, ""
-        self._wait(lambda: progress.phase != "", STARTUP_TIMEOUT, "the controller's first state")
-        self._wait(lambda: progress.start_stamp is not None, STARTUP_TIMEOUT, "the start pose")
+        watch, printed_phase = self._watch, ""
+        self._wait(lambda: watch.phase != "", "the controller's first state")
+        self._wait(lambda: watch.start_stamp is not None, "the start pose")
         deadline = time.monotonic() + MAX_WALL_TIME_FACTOR * self.arguments.timeout
-        while progress.stamp - progress.start_stamp < self.arguments.timeout:
-            if progress.phase != printed_phase:
-                printed_phase = progress.phase
-                _print_status(printed_phase + (f": {progress.reason}" if progress.reason else ""))
-            if (converged := progress.convergence_stamp) and (
-                progress.stamp - converged > TIME_AFTER_CONVERGENCE
+        while watch.stamp - watch.start_stamp < self.arguments.timeout:
+            if watch.phase != printed_phase:
+                printed_phase = watch.phase
+                _print_status(printed_phase + (f": {watch.reason}" if watch.reason else ""))
+            if (converged := watch.convergence_stamp) and (
+                watch.stamp - converged > TIME_AFTER_CONVERGENCE
             ):
                 return
             self._check_running()
@@ -139,7 +136,7 @@ class Demo:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
         _print_status("stopping")
-        if self.progress is not None:
+        if self._watch is not None:
             stop_recorder(self.uri, self.bag)
         for launch in reversed(self.launches):
             launch.stop()
@@ -189,13 +186,11 @@ class Demo:
 
     def _launch(self, name: str, arguments: list[str], **values: str) -> RosLaunch:
         pairs = [f"{key}:={value}" for key, value in values.items()]
-        launch = RosLaunch(
-            [*arguments, *pairs], self.output_folder / "log" / f"{name}.txt", dict(os.environ)
-        )
+        launch = RosLaunch([*arguments, *pairs], self.output_folder / "log" / f"{name}.txt")
         self.launches.append(launch)
         return launch
 
-    def _wait(self, condition, timeout: float, what: str) -> None:
+    def _wait(self, condition: Callable[[], bool], what: str) -> None:
         start, is_reported = time.monotonic(), False
         while not condition():
             self._check_running()
@@ -203,11 +198,10 @@ class Demo:
             if not is_reported and waited > SLOW_START_NOTICE:
                 is_reported = True
                 _print_status(f"still waiting for {what}; the first start may compile code")
-            if waited > timeout:
-                reason = getattr(self.progress, "reason", "")
+            if waited > STARTUP_TIMEOUT:
                 raise ServoError(
-                    f"still waiting for {what} after {timeout:.0f} s"
-                    + (f" ({reason})" if reason else "")
+                    f"still waiting for {what} after {STARTUP_TIMEOUT:.0f} s"
+                    + (f" ({self._watch.reason})" if self._watch.reason else "")
                     + f"; see the logs in {self.output_folder / 'log'}"
                 )
             time.sleep(0.05)
@@ -223,14 +217,14 @@ class Demo:
                     f"{death}; last lines of its log:\n{launch.read_last_lines()}\nFull log: "
                     f"{launch.log}"
                 )
-        progress = self.progress
-        if progress is None or progress.start_stamp is not None or progress.phase != HOLDING:
+        watch = self._watch
+        if watch is None or watch.start_stamp is not None or watch.phase != HOLDING:
             self._hold_start_time = None
         elif self._hold_start_time is None:
             self._hold_start_time = now
         elif now - self._hold_start_time > HOLDING_TIMEOUT:
             raise ServoError(
-                f"the controller does not start servoing: {progress.reason}\nFull log: "
+                f"the controller does not start servoing: {watch.reason}\nFull log: "
                 f"{self.launches[-1].log}"
             )
 

@@ -243,22 +243,21 @@ def _teach_goal(arguments: argparse.Namespace, goal: Goal) -> Goal:
     if arguments.target_size:
         size = tuple(map(float, arguments.target_size.split()))
     camera_offset = {
-        name: tuple(map(float, value.split()))
-        for name in ("camera_xyz", "camera_rpy") if (value := getattr(arguments, name))
-    }  # fmt: skip
+        name: tuple(map(float, (getattr(arguments, name) or "0 0 0").split()))
+        for name in ("camera_xyz", "camera_rpy")
+    }
     further = arguments.further["aras_visual_servo.launch"]
     spec = replace(
         DEFAULT_ROBOT,
         urdf=str(arguments.urdf or DEFAULT_ROBOT.urdf),
         config=further.get("gains", DEFAULT_ROBOT.config),
     )
-    mounting = (camera_offset.get(name, (0.0,) * 3) for name in ("camera_xyz", "camera_rpy"))
     hand_eye = None
     if further.get("hand_eye"):
         hand_eye = HandEyeSpec(
             further["hand_eye"], further.get("hand_eye_units", ""), further.get("hand_eye_link", "")
         )
-    robot = Robot(spec, *mounting, hand_eye=hand_eye)
+    robot = Robot(spec, *camera_offset.values(), hand_eye=hand_eye)
     xyz, rpy = xyz_rpy_from_matrix(goal.for_arm(robot.make_arm()).world_T_camera)
     experiment = Experiment(
         robot=spec, target=TargetSpec(arguments.target, size, TARGET_POSE), camera=arguments.camera,

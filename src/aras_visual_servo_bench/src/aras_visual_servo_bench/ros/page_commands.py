@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-import os
 import threading
-import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -35,7 +32,7 @@ from aras_visual_servo_controller.settings import ControllerSettings
 from ..errors import RefusedRequestError, catch_write_errors
 from ..recording.recorded_experiment import find_preset
 from .graph_listener import GraphListener
-from .ros_launch import RosLaunch
+from .ros_launch import RosLaunch, wait_until
 from .session_files import LOG_PREFIX
 from .target_drawing_updater import TARGET_DESCRIPTION
 from .target_pose_reader import TARGET
@@ -236,9 +233,9 @@ class PageCommands:
             self._launch = RosLaunch(
                 ["aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch", f"scheme:={scheme}",
                  f"law:={law}", f"start:={start}", f"goal:={goal}"],
-                self.directory / "log" / "nodes.txt", dict(os.environ),
+                self.directory / "log" / "nodes.txt",
             )  # fmt: skip
-            ended = self._wait(
+            ended = wait_until(
                 lambda: self._launch.find_death_message() or self._is_ready(), START_TIMEOUT
             )
             if ended is not True:
@@ -274,7 +271,7 @@ class PageCommands:
         with contextlib.suppress(rosnode.ROSNodeException, OSError):
             nodes = [name for name in (CONTROLLER, CAMERA) if name in rosnode.get_node_names()]
             rosnode.kill_nodes(nodes)
-            self._wait(lambda: not set(nodes) & set(rosnode.get_node_names()), SERVICE_TIMEOUT)
+            wait_until(lambda: not set(nodes) & set(rosnode.get_node_names()), SERVICE_TIMEOUT)
         with contextlib.suppress(KeyError, OSError):
             rospy.delete_param(CONTROLLER)
         self.gains = {}
@@ -334,13 +331,6 @@ class PageCommands:
 
     def _on_gains(self, message: Config) -> None:
         self.gains = {entry.name: round(entry.value, 6) for entry in message.doubles}
-
-    @staticmethod
-    def _wait(condition: Callable[[], Any], seconds: float) -> Any:
-        end = time.monotonic() + seconds
-        while not (found := condition()) and time.monotonic() < end:
-            time.sleep(0.1)
-        return found
 
     @staticmethod
     def _call(name: str, kind: type, hint: str, *arguments: object) -> Any:

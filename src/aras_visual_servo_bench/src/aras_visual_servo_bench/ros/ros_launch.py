@@ -8,8 +8,11 @@ import signal
 import socket
 import subprocess
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+POLL_PERIOD = 0.1  # time between two checks of a condition, s
 _PR_SET_PDEATHSIG = 1
 # The C library is loaded here, before any fork. Loading it between fork and exec could wait forever
 # for a lock that another thread holds.
@@ -23,6 +26,14 @@ def find_free_port() -> int:
         return probe.getsockname()[1]
 
 
+def wait_until(condition: Callable[[], Any], timeout: float) -> Any:
+    """Call a function until its result is true or `timeout` (s) is over; return the last result."""
+    deadline = time.monotonic() + timeout
+    while not (found := condition()) and time.monotonic() < deadline:
+        time.sleep(POLL_PERIOD)
+    return found
+
+
 class RosLaunch:
     """A roslaunch process and all processes that it starts.
 
@@ -31,7 +42,7 @@ class RosLaunch:
     their session.
     """
 
-    def __init__(self, arguments: list[str], log: Path, environment: dict[str, str]) -> None:
+    def __init__(self, arguments: list[str], log: Path) -> None:
         self.log = log
         with log.open("w", encoding="utf-8") as output:
             self._process = subprocess.Popen(
@@ -39,7 +50,6 @@ class RosLaunch:
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=subprocess.STDOUT,
-                env=environment,
                 start_new_session=True,
                 preexec_fn=_end_with_parent,
             )
@@ -84,9 +94,7 @@ class RosLaunch:
         for kind, wait in ((signal.SIGTERM, 3.0), (signal.SIGKILL, 2.0)):
             if not self._signal_session(kind):
                 break
-            deadline = time.monotonic() + wait
-            while self._find_processes() and time.monotonic() < deadline:
-                time.sleep(0.05)
+            wait_until(lambda: not self._find_processes(), wait)
         self._process.wait()
 
     def _signal_session(self, kind: signal.Signals) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import subprocess
 import time
@@ -61,7 +60,7 @@ class SessionFiles:
         bag = self._make_folder("bags") / time.strftime("run_%Y-%m-%d_%H-%M-%S.bag")
         self._recorder = RosLaunch(
             ["aras_visual_servo_gazebo", "record.launch", f"bag:={bag}"],
-            self._make_folder("log") / "record.txt", dict(os.environ),
+            self._make_folder("log") / "record.txt",
         )  # fmt: skip
         active = bag.with_name(bag.name + ACTIVE_SUFFIX)
         end = time.monotonic() + CLOSE_TIMEOUT

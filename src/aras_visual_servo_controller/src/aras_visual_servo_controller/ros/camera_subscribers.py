@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from functools import partial
 
 import rospy
 from sensor_msgs.msg import CameraInfo, Image
@@ -35,14 +36,13 @@ class CameraSubscribers:
         self._early_images: dict[str, Image] = {}
         self._lock = threading.Lock()
         depth = Need.DEPTH in observer.needs
-        segmentation, self._label_subscribers = observer.segmentation, None
-        needs_target = bool(observer.needs & SEGMENTED)
-        kinds = segmentation.image_kinds if needs_target else ("image",)
-        self._images = StampSynchronizer((*kinds, "depth") if depth else kinds)
-        if needs_target:
+        kinds, self._label_subscribers = ("image",), None
+        if observer.needs & SEGMENTED:
+            kinds = observer.segmentation.image_kinds
             self._label_subscribers = LabelSubscribers.for_segmentation(
-                segmentation, topics.namespace, self._add_image
+                observer.segmentation, topics.namespace, self._add_image
             )
+        self._images = StampSynchronizer((*kinds, "depth") if depth else kinds)
         options = {"queue_size": 1, "tcp_nodelay": True}
         large, camera = {**options, "buff_size": BUFFER_SIZE}, topics.namespace
         runner.set_source(
@@ -51,11 +51,14 @@ class CameraSubscribers:
         )
         self.subscribers = [
             rospy.Subscriber(f"{camera}/camera_info", CameraInfo, self._on_info, **options),
-            rospy.Subscriber(f"{camera}/image_raw", Image, self._on_image, **large),
+            rospy.Subscriber(
+                f"{camera}/image_raw", Image, partial(self._add_image, "image"), **large
+            ),
         ]
         if depth:
-            topic = f"{camera}/depth/image_raw"
-            self.subscribers.append(rospy.Subscriber(topic, Image, self._on_depth, **large))
+            self.subscribers.append(rospy.Subscriber(
+                f"{camera}/depth/image_raw", Image, partial(self._add_image, "depth"), **large
+            ))  # fmt: skip
         if self._label_subscribers is not None:
             self.subscribers += self._label_subscribers.subscribers
 
@@ -72,12 +75,6 @@ class CameraSubscribers:
                 early, self._early_images = self._early_images, early
         for kind, image in early.items():
             self._add_image(kind, image)
-
-    def _on_image(self, message: Image) -> None:
-        self._add_image("image", message)
-
-    def _on_depth(self, message: Image) -> None:
-        self._add_image("depth", message)
 
     def _add_image(self, kind: str, message: Image) -> None:
         with self._lock:

@@ -70,13 +70,9 @@ class ControllerNode:
             before.close()
         arms = {settings.list_cameras(servo.scheme)[0]: arm, **others}
         rig = settings.make_camera_rig(arms, servo.scheme, servo.goal)
+        foreign = self.publisher.foreign_commands
         self.runner = LoopRunner(
-            servo,
-            rig,
-            settings,
-            self.publisher,
-            rospy.get_time,
-            foreign=self.publisher.foreign_commands,
+            servo, rig, settings, self.publisher, rospy.get_time, foreign=foreign
         )
         self.publisher.wait_for_listeners()
         rospy.loginfo(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import rospy
@@ -39,7 +40,8 @@ class DetectionSubscribers:
         moments = f"{camera.features}/moments"
         topics = [(moments, ImageMoments, self._on_moments)]
         if self._needs_kernel:
-            topics.append((f"{camera.features}/kernel", KernelFeatures, self._on_kernel))
+            on_kernel = partial(self._add_message, "kernel")
+            topics.append((f"{camera.features}/kernel", KernelFeatures, on_kernel))
         source = ImageSource("features", topics[-1][0], "the camera node")
         if camera_node is not None and moments == camera_node.moments_topic:
             # The camera node runs as long as this process; features are missing without images.
@@ -57,9 +59,6 @@ class DetectionSubscribers:
             self._process_measurement(message, None)
         else:
             self._add_message("moments", message)
-
-    def _on_kernel(self, message: KernelFeatures) -> None:
-        self._add_message("kernel", message)
 
     def _add_message(self, kind: str, message: ImageMoments | KernelFeatures) -> None:
         with self._lock:

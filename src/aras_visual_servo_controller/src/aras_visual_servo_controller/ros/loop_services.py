@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
-from collections.abc import Callable
+from functools import partial
 from typing import Protocol
 
 import rospy
@@ -35,15 +35,13 @@ class LoopServices:
         """Advertise the services and the action in `namespace`."""
         self._owner = owner
         self._services = [
-            rospy.Service(f"{namespace}/controller/{name}", Trigger, self._make_handler(name))
+            rospy.Service(f"{namespace}/controller/{name}", Trigger, partial(self._call, name))
             for name in ("start", "stop", "hold")
         ]
         self._action = SimpleActionServer(
-            f"{namespace}/servo_to_target",
-            ServoToTargetAction,
-            self._execute_goal,
+            f"{namespace}/servo_to_target", ServoToTargetAction, self._execute_goal,
             auto_start=False,
-        )
+        )  # fmt: skip
         self._action.start()
         # actionlib's own status timer runs in simulated time: it would pause with the simulation,
         # and end when the clock is reset. The status is therefore published by a thread.
@@ -57,12 +55,10 @@ class LoopServices:
                 self._action.action_server.publish_status()
             time.sleep(STATUS_PERIOD)
 
-    def _make_handler(self, name: str) -> Callable[[TriggerRequest], TriggerResponse]:
-        def handle(_: TriggerRequest) -> TriggerResponse:
-            getattr(self._owner.runner, name)()
-            return TriggerResponse(True, f"{name}: {self._owner.runner.servo.phase}")
-
-        return handle
+    def _call(self, name: str, _: TriggerRequest) -> TriggerResponse:
+        """Call the method `name` of the loop, which is start, stop or hold."""
+        getattr(self._owner.runner, name)()
+        return TriggerResponse(True, f"{name}: {self._owner.runner.servo.phase}")
 
     def _execute_goal(self, goal: ServoToTargetGoal) -> None:
         """Servo until the target is reached, the timeout expires, or a client cancels the goal."""

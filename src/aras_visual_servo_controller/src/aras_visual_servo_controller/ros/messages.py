@@ -67,10 +67,8 @@ def make_report_message(state: State, frame: str, names: tuple[str, ...]) -> Ser
     )
     message.header.frame_id = frame
     message.joint_names = list(names)
-    message.desired_twist, message.achieved_twist = (
-        make_twist_message(state.desired_twist),
-        make_twist_message(state.achieved_twist),
-    )
+    message.desired_twist = make_twist_message(state.desired_twist)
+    message.achieved_twist = make_twist_message(state.achieved_twist)
     message.rank, message.singular_values_l = int(state.rank), list(state.singular_values_L)
     message.scale, message.computation_time = 1.0, state.computation_time
     uncertainty = state.arrival_status.pose_uncertainty or PoseUncertainty()

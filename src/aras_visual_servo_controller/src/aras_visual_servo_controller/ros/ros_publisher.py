@@ -44,15 +44,11 @@ class RosPublisher:
         namespace = settings.namespace.rstrip("/")
         self.command_publishers = CommandPublishers(settings, self.names, settings.output)
         self.foreign_commands = ForeignCommandListener(self.command_publishers)
-        self.state_publisher = rospy.Publisher(
-            f"{namespace}/controller/state", ServoState, queue_size=5
-        )
-        self._report_publisher = rospy.Publisher(
-            f"{namespace}/controller/diagnosis", ServoReport, queue_size=5
-        )
-        self._twist_publisher = rospy.Publisher(
-            f"{namespace}/controller/camera_twist", TwistStamped, queue_size=5
-        )
+        self.state_publisher, self._report_publisher, self._twist_publisher = (
+            rospy.Publisher(f"{namespace}/controller/{name}", kind, queue_size=5)
+            for name, kind in (("state", ServoState), ("diagnosis", ServoReport),
+                               ("camera_twist", TwistStamped))
+        )  # fmt: skip
         self.latest_state: State | None = None
         self._logged, self._log_time = ("", ""), -math.inf
         # Time (s) of the last check whether the command topics have subscribers.

@@ -20,7 +20,8 @@ from aras_visual_servo_controller.msg import ServoReport, ServoState
 from geometry_msgs.msg import PolygonStamped, PoseStamped
 from sensor_msgs.msg import CameraInfo, JointState
 
-from aras_visual_servo_base.poses import Pose, normalise
+from aras_sim_bridge.errors import WorldError
+from aras_sim_bridge.ros.conversions import from_pose
 from aras_visual_servo_base.urdf import read_robot_name
 from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.errors import VisionError
@@ -79,11 +80,8 @@ class GraphListener:
         self.no_target_reason = ""
         self.lock = threading.RLock()
         self._description = DescriptionWatch(settings.description)
-        self._real_time_factor, self._joints_message, self._last_joints_time = (
-            RealTimeFactor(),
-            b"",
-            -math.inf,
-        )
+        self._real_time_factor = RealTimeFactor()
+        self._joints_message, self._last_joints_time = b"", -math.inf
         self._goal: np.ndarray | None = None
         self._outline = np.zeros((0, 2))
         self._camera: CameraModel | None = None
@@ -200,21 +198,16 @@ class GraphListener:
         state = read_state(message, report if same else None)
         with self.lock:
             if self.run_trace is not None:
-                is_ours = (
-                    state.joints is not None and state.joints.names == self.run_trace.arm.names
-                )
-                joints = state.joints.positions if is_ours else ()
+                joints = ()
+                if state.joints is not None and state.joints.names == self.run_trace.arm.names:
+                    joints = state.joints.positions
                 self.run_trace.add_state(state, joints)
                 if self.on_state is not None:
                     self.on_state(state, joints)
 
     def _on_goal(self, message: PoseStamped) -> None:
-        position, orientation = message.pose.position, message.pose.orientation
-        with contextlib.suppress(ZeroDivisionError):  # ignore a pose with a zero quaternion
-            quat = normalise((orientation.x, orientation.y, orientation.z, orientation.w))
-            pose = Pose((position.x, position.y, position.z), quat).matrix()
-            if np.isfinite(pose).all():
-                self._goal = pose
+        with contextlib.suppress(WorldError):  # ignore a pose with invalid numbers
+            self._goal = from_pose(message.pose, "goal", zero_is_identity=False).matrix()
 
     def _on_outline(self, message: PolygonStamped) -> None:
         with contextlib.suppress(VisionError):

@@ -103,10 +103,8 @@ class SessionFiles:
         ended = RECORDER_ERROR.search(self._recorder.read_log())
         if ended:
             return ended[1]
-        if (
-            not self._recorder.find_death_message()
-            and "Disabling recording" not in self._recorder.read_log()
-        ):
+        is_disabled = "Disabling recording" in self._recorder.read_log()
+        if not (is_disabled or self._recorder.find_death_message()):
             return ""
         last_line = self._recorder.read_last_lines(1).strip()
         return f"the recorder has stopped: {LOG_PREFIX.sub('', last_line)}"

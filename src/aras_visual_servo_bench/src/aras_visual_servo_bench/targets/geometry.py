@@ -168,18 +168,11 @@ class RoundTarget(PolygonTarget):
 
 # Target of the demo in the frame base_link, with the values of robots/aras_visual_servo.urdf. The
 # top of the table is the plane z = 0.59, so the lower half of the square plate is inside the table.
-ARAS = PlatesTarget(
-    TargetGeometry.from_values(
-        np.array(
-            [
-                [(-0.025, -0.025, 0.5895), (0.025, 0.025, 0.5905)],
-                [(-0.0175, -0.0375, 0.59025), (0.0075, -0.0125, 0.59075)],
-            ]
-        ),
-        ground=0.59,
-        surface=0.5905,
-    )
-)
+ARAS_BOXES = np.array([
+    [(-0.025, -0.025, 0.5895), (0.025, 0.025, 0.5905)],
+    [(-0.0175, -0.0375, 0.59025), (0.0075, -0.0125, 0.59075)],
+])  # fmt: skip
+ARAS = PlatesTarget(TargetGeometry.from_values(ARAS_BOXES, ground=0.59, surface=0.5905))
 
 
 @dataclass(frozen=True)
@@ -230,10 +223,8 @@ class TargetMotion:
     @property
     def is_static(self) -> bool:
         """True if the target never moves."""
-        return not (
-            any(self.velocity) or any(self.amplitude) or self.circle or any(self.step)
-            or self.path
-        )
+        moves = (*self.velocity, *self.amplitude, self.circle, *self.step, *self.path)
+        return not any(moves)
 
     def compute_displacement(self, time: float) -> np.ndarray:
         """Compute the displacement (4, 4) at `time` (s); the target rotates about its origin."""
@@ -326,10 +317,8 @@ class PlacedTarget:
 
     def world_T_target(self, time: float) -> np.ndarray:
         """Return world_T_target (4, 4) at `time` (s)."""
-        if (
-            self.pose_history is not None
-            and (recorded := self.pose_history.find_pose(time)) is not None
-        ):
+        recorded = None if self.pose_history is None else self.pose_history.find_pose(time)
+        if recorded is not None:
             return recorded
         if self.motion.is_static:
             return self.pose

@@ -51,7 +51,7 @@ FRICTION = '<gazebo reference="{name}"><mu1>{friction!r}</mu1></gazebo>'
 GREY = '<gazebo reference="{name}"><material>Gazebo/Grey</material></gazebo>'
 OCCLUDER = """
     <visual name="occluder">
-      <origin xyz="{x:.9g} {y:.9g} {z:.9g}" rpy="0 0 0"/>
+      <origin xyz="0 0 {z:.9g}" rpy="0 0 0"/>
       <geometry><mesh filename="{mesh}"/></geometry>
     </visual>"""
 
@@ -98,9 +98,7 @@ def write_target(
         more = ""
         if occluder is not None:
             _write_white_rectangle(folder, f"{name}_occluder", occluder)
-            more = OCCLUDER.format(
-                x=0.0, y=0.0, z=OCCLUDER_HEIGHT, mesh=f"{where}/{name}_occluder.obj"
-            )
+            more = OCCLUDER.format(z=OCCLUDER_HEIGHT, mesh=f"{where}/{name}_occluder.obj")
         physics = STATIC
         if box is not None:
             physics = FRICTION.format(name=name, friction=box.friction)

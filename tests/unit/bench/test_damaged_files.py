@@ -23,7 +23,8 @@ from aras_visual_servo_base.yaml_files import read_text
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment.robot_spec import RobotSpec
 from aras_visual_servo_bench.experiment.robots import Robot
-from aras_visual_servo_bench.targets.target_factory import make_target, read_svg
+from aras_visual_servo_bench.targets.svg_outlines import read_svg
+from aras_visual_servo_bench.targets.target_factory import make_target
 
 NUMBER = re.compile(rb"(?<![\w.])-?\d+\.?\d*(?:[eE][-+]?\d+)?(?![\w.])")
 WORDS = (b"nan", b"inf", b"1e300", b"-1", b"0", b"abc", b"", b"[1, 2]")

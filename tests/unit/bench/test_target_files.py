@@ -59,7 +59,7 @@ def missed(parts, found, pose, stamp):
     """Greatest distance, px, of points (n, 2) found from where the geometry has them."""
     x, y = parts.target.shape.points(parts.target.target_T_camera(pose, stamp)).T
     exact = np.column_stack(parts.plant.camera.project(x, y))
-    if len(found) == 4 and parts.target.shape is make_target("four_dots", (0.1, 0.1)):
+    if len(found) == 4 and parts.target.shape is make_target("four_dots", (0.1, 0.1), None, ""):
         offset = exact - exact.mean(axis=0)
         exact = exact[np.argsort(np.arctan2(offset[:, 1], offset[:, 0]))]
     return np.linalg.norm(found - exact, axis=1).max()

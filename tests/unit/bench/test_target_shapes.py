@@ -20,10 +20,8 @@ from aras_visual_servo_bench.targets.geometry import (
 )
 from aras_visual_servo_bench.targets.rendering import render_mask, render_target
 from aras_visual_servo_bench.targets.solids import make_solid, read_solid_target
-from aras_visual_servo_bench.targets.target_factory import (
-    make_target,
-    read_svg,
-)
+from aras_visual_servo_bench.targets.svg_outlines import read_svg
+from aras_visual_servo_bench.targets.target_factory import make_target
 from aras_visual_servo_bench.targets.target_files import write_description, write_target
 from aras_visual_servo_bench.targets.target_spec import TargetSpec
 from aras_visual_servo_bench.targets.temporary_folders import make_scratch_folder

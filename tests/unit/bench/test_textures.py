@@ -21,7 +21,8 @@ from aras_visual_servo_bench.targets.geometry import PlacedTarget, project
 from aras_visual_servo_bench.targets.rendering import render_target
 from aras_visual_servo_bench.targets.rendering import render_target as picture_of
 from aras_visual_servo_bench.targets.shapes import SHAPES
-from aras_visual_servo_bench.targets.target_factory import find_tracker, make_target, read_svg
+from aras_visual_servo_bench.targets.svg_outlines import read_svg
+from aras_visual_servo_bench.targets.target_factory import find_tracker, make_target
 from aras_visual_servo_bench.targets.textures import TexturedTarget
 from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.errors import VisionError

@@ -24,7 +24,8 @@ from ..experiment.experiment import (
 from ..experiment.loop_settings import make_loop_settings
 from ..experiment.overrides import with_override
 from ..setup.assembly import Assembly, assemble
-from ..targets.target_factory import DEFAULT_SIZE, find_shape
+from ..targets.geometry import DEFAULT_SIZE
+from ..targets.target_factory import find_shape
 
 LAW_PREFIX = "controller_parameters.law_options."
 

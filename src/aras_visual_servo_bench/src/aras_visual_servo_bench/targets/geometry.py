@@ -31,6 +31,7 @@ ROUNDING = 1e-12  # maximum rounding error of a point on the edge of a box, m
 # largest change of an element of a pose matrix at which the body counts as at rest
 POSE_TOLERANCE = 1e-9
 TIME_TOLERANCE = 1e-7  # s
+DEFAULT_SIZE = (0.2, 0.2)  # size of a target if neither its file nor its settings give one, m
 MIN_DEPTH = 1e-3  # minimum depth of a point that is projected, m
 # Factors that convert (x, y) with y upwards to (x, y) with y downwards, and back.
 IMAGE_FLIP = (1.0, -1.0)

@@ -191,35 +191,31 @@ def triangulate(corners: np.ndarray) -> list[tuple[int, int, int]]:
         order.reverse()
     triangles = []
     while len(order) > 3:
-        for k in range(len(order)):
-            a, b, c = order[k - 1], order[k], order[(k + 1) % len(order)]
-            rest = [i for i in order if i not in (a, b, c)]
-            if _signed_area(corners, a, b, c) > 0.0 and not _has_point_inside(
-                corners, a, b, c, rest
-            ):
-                triangles.append((a, b, c))
-                del order[k]
-                break
-        else:
+        ear = next((k for k in range(len(order)) if _is_ear(corners, order, k)), None)
+        if ear is None:
             raise ExperimentError(
                 "target.shape: the polygon has no area, or its edges cross; correct its corners"
             )
+        triangles.append((order[ear - 1], order[ear], order[(ear + 1) % len(order)]))
+        del order[ear]
     return [*triangles, tuple(order)]
+
+
+def _is_ear(corners: np.ndarray, order: list[int], k: int) -> bool:
+    """Return whether the triangle at corner order[k] of a polygon contains no other corner."""
+    a, b, c = order[k - 1], order[k], order[(k + 1) % len(order)]
+    return _signed_area(corners, a, b, c) > 0.0 and not any(
+        _signed_area(corners, a, b, i) >= 0.0
+        and _signed_area(corners, b, c, i) >= 0.0
+        and _signed_area(corners, c, a, i) >= 0.0
+        for i in order if i not in (a, b, c)
+    )  # fmt: skip
 
 
 def _signed_area(corners: np.ndarray, a: int, b: int, c: int) -> float:
     """Return twice the area of the triangle a, b, c; it is negative if they are clockwise."""
     (ax, ay), (bx, by), (cx, cy) = corners[a], corners[b], corners[c]
     return float((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
-
-
-def _has_point_inside(corners: np.ndarray, a: int, b: int, c: int, points: list[int]) -> bool:
-    return any(
-        _signed_area(corners, a, b, i) >= 0.0
-        and _signed_area(corners, b, c, i) >= 0.0
-        and _signed_area(corners, c, a, i) >= 0.0
-        for i in points
-    )
 
 
 def _write_white_rectangle(folder: Path, name: str, rectangle: tuple[Vector2, Vector2]) -> None:

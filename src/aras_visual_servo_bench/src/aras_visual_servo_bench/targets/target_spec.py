@@ -103,15 +103,11 @@ class TargetSpec:
         Raises:
             ExperimentError: the shape of the target cannot be read.
         """
-        shape = make_target(self.shape, self.size, self.scale, self.shape_marker)
+        marker = self.marker if "marker" in list_parameters(self.shape) else ""
+        shape = make_target(self.shape, self.size, self.scale, marker)
         pose_history = PoseHistory() if self.model else None
         pose = matrix_from_xyz_rpy(self.pose[:3], self.pose[3:])
         return PlacedTarget(shape, pose, self.motion, pose_history)
-
-    @property
-    def shape_marker(self) -> str:
-        """Marker with which the shape is drawn; '' if the shape has no parameter `marker`."""
-        return self.marker if "marker" in list_parameters(self.shape) else ""
 
     @property
     def is_plain(self) -> bool:

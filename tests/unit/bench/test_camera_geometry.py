@@ -207,20 +207,16 @@ def test_a_camera_is_read_with_its_rate(tmp_path):
     packages = PackagePath()
     settings = {"width": 64, "height": 48, "update_rate": 20.0,
                 "camera_matrix": {"fx": 50.0, "fy": 60.0, "cx": 30.0, "cy": 20.0}}
-    eye = CameraSetup.read(
-        "a",
-        CameraSpec(settings, rate=7.0, calibration_offset=CalibrationOffset(focal=2.0)),
-        packages,
-        ROBOT,
-    )
+    spec = CameraSpec(settings, rate=7.0, calibration_offset=CalibrationOffset(focal=2.0))
+    eye = CameraSetup.read("a", spec, packages, ROBOT, {})
     assert (eye.name, eye.rate) == ("a", 7.0) and settings["update_rate"] == 20.0
     assert eye.true_camera == CameraModel(
         64, 48, (50.0, 0, 30.0, 0, 60.0, 20.0, 0, 0, 1), eye.true_camera.D
     )
     assert eye.calibrated_camera.K[:6:4] == (100.0, 120.0)
-    assert CameraSetup.read("a", CameraSpec(settings), packages, ROBOT).rate == 20.0
+    assert CameraSetup.read("a", CameraSpec(settings), packages, ROBOT, {}).rate == 20.0
     del settings["update_rate"]
-    assert CameraSetup.read("a", CameraSpec(settings), packages, ROBOT).rate == 30.0
+    assert CameraSetup.read("a", CameraSpec(settings), packages, ROBOT, {}).rate == 30.0
     own = tmp_path / "own.yaml"
     own.write_text("width: 64\neffects: {gain: 2.0}\n")
     assert read_preset(str(own), packages, ROBOT) == {"width": 64, "effects": {"gain": 2.0}}

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -26,7 +25,6 @@ from .packages import PackagePath
 
 PRESET_FOLDER = "config/cameras"
 PRESET_KEY = "preset"  # key of a camera's settings that names a preset
-NO_SETTINGS: Mapping[str, Any] = MappingProxyType({})
 # grey levels of the table and of the target in drawn images, equal to those in rendered images
 WHITE_LEVEL, DARK_LEVEL = 255, 0
 
@@ -53,7 +51,7 @@ class CameraSetup:
     @classmethod
     def read(
         cls, name: str, spec: CameraSpec, packages: PackagePath, robot: str,
-        description_settings: Mapping[str, Any] = NO_SETTINGS,
+        description_settings: Mapping[str, Any],
     ) -> CameraSetup:
         """Read the camera `name` of an experiment.
 

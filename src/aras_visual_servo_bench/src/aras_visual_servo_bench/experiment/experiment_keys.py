@@ -67,7 +67,8 @@ def _find_fields(key: str, kind: type) -> list[dataclasses.Field]:
         so_far += f"{part}."
         hints = [typing.get_type_hints(kind) for kind in kinds]
         hint = next(h[part] for h in hints if part in h)
-        options = _split_union(hint)
+        is_union = typing.get_origin(hint) in (typing.Union, types.UnionType)
+        options = typing.get_args(hint) if is_union else (hint,)
         if any(_has_free_keys(option) for option in options):
             # A key below this mapping is not checked here; the code that reads the mapping checks
             # it.
@@ -77,12 +78,6 @@ def _find_fields(key: str, kind: type) -> list[dataclasses.Field]:
             raise StudyError(f"an experiment has no '{key}': {so_far[:-1]} has no keys below it; "
                              f"set {so_far[:-1]} itself")
     return found
-
-
-def _split_union(hint: Any) -> tuple:
-    if typing.get_origin(hint) in (typing.Union, types.UnionType):
-        return typing.get_args(hint)
-    return (hint,)
 
 
 def _has_free_keys(hint: Any) -> bool:

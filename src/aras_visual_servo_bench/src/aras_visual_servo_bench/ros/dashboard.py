@@ -70,7 +70,6 @@ class Dashboard:
         self.page, self._listener = PageState(), listener
         self._commands = PageCommands(listener, settings, directory, robot)
         self._session_files, self._target = SessionFiles(directory), TargetDrawingUpdater()
-        self._session_files.check_recording = self._check_time
         self._teleoperator = Teleoperator(listener, settings)
         self._images = LiveImageSubscriber(
             settings.namespace.rstrip("/"), settings.camera_namespace.rstrip("/")
@@ -93,7 +92,7 @@ class Dashboard:
             "camera": commands.change_camera,
             "target": commands.change_target,
             "teach": self._teach,
-            "record": files.start_recording,
+            "record": self._record,
             "stop_record": files.stop_recording,
             "report": files.make_report,
             "jog": teleoperator.move_camera,
@@ -153,17 +152,17 @@ class Dashboard:
         """Return the path of a file of a report; return None if it does not exist."""
         return self._session_files.find_file(path)
 
-    def _check_time(self) -> None:
-        """Check that joint states arrive or a simulator is running, before a recording starts.
-
-        Otherwise, the recorder could wait for simulated time forever.
+    def _record(self) -> str:
+        """Start to record a bag, and return the answer.
 
         Raises:
-            RefusedRequestError: no joint states arrive, and no simulator is running.
+            RefusedRequestError: the recorder does not start, or would wait for simulated time
+                forever: no joint states arrive, and no simulator is running.
         """
         trace = self._listener.run_trace
         if trace is None or trace.factor is None:
             self._commands.check_simulator()
+        return self._session_files.start_recording()
 
     def _teach(self, name: str) -> str:
         """Store the current view as a goal, and return the answer.

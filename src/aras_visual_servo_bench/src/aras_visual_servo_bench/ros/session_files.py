@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import subprocess
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 from ..errors import RefusedRequestError, catch_write_errors
@@ -26,8 +25,6 @@ class SessionFiles:
     """Runs the tools teach, record and analyze, and manages the files that they write.
 
     Attributes:
-        check_recording: function that is called before a recording. It raises RefusedRequestError
-            if recording is impossible.
         directory: folder of all files.
         open_bag: bag that is being recorded; None if there is none.
         last_bag: bag that was recorded last; None if no bag was recorded. The bag is not closed if
@@ -37,7 +34,6 @@ class SessionFiles:
     """
 
     def __init__(self, directory: Path) -> None:
-        self.check_recording: Callable[[], None] = lambda: None
         self.directory = directory
         self.open_bag: Path | None = None
         self.last_bag: Path | None = None
@@ -56,7 +52,6 @@ class SessionFiles:
         """Start record.launch, which records a bag; `stop_recording` ends the recording."""
         if self.open_bag is not None and self._recorder.running:
             raise RefusedRequestError(f"already recording to {self.open_bag}")
-        self.check_recording()
         bag = self._make_folder("bags") / time.strftime("run_%Y-%m-%d_%H-%M-%S.bag")
         self._recorder = RosLaunch(
             ["aras_visual_servo_gazebo", "record.launch", f"bag:={bag}"],

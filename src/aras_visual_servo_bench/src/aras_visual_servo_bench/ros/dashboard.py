@@ -17,8 +17,7 @@ from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.settings import build, list_defaults, parameter
 from aras_visual_servo_controller.errors import ServoError
 from aras_visual_servo_controller.observation.observation import SEGMENTED
-from aras_visual_servo_ros.rospy_patches import accept_in_threads
-from aras_visual_servo_ros.shutdown import init_node, iterate_at_period
+from aras_visual_servo_ros.shutdown import iterate_at_period, node_main
 
 from ..errors import BenchError, RefusedRequestError
 from .graph_listener import GraphListener, make_listener_settings
@@ -241,26 +240,27 @@ def split_parameters(parameters: dict[str, Any]) -> tuple[PageSettings, dict[str
 
 def main() -> int:
     """Run the node and return its exit status."""
-    init_node("aras_visual_servo_dashboard", __doc__, disable_rostime=True)
-    accept_in_threads()
+    return node_main("aras_visual_servo_dashboard", __doc__, _serve, (BenchError, ServoError),
+                     disable_rostime=True)  # fmt: skip
+
+
+def _serve() -> None:
+    """Serve the live page until the node is shut down, and end the process.
+
+    Raises:
+        BenchError, ServoError: the page cannot be served.
+    """
     try:
         from ..web.live.server import serve
     except ModuleNotFoundError as error:
-        rospy.logfatal(
-            "the live page needs %s, which is not installed; run: ./setup.sh --for bench",
-            error.name,
-        )
-        return 1
-    try:
-        page, other_parameters = split_parameters(rospy.get_param("~", {}))
-        listener = GraphListener(make_listener_settings(other_parameters))
-        home = Path(os.environ.get("ROS_HOME", "~/.ros")).expanduser()
-        directory = Path(page.directory or home / "aras_dashboard").expanduser()
-        dashboard = Dashboard(listener, page.robot, directory)
-        server = serve(dashboard, page.host, page.port, page.token, rospy.loginfo)
-    except (BenchError, ServoError) as error:
-        rospy.logfatal("%s", error)
-        return 1
+        raise BenchError(f"the live page needs {error.name}, which is not installed; run: "
+                         "./setup.sh --for bench") from None  # fmt: skip
+    page, other_parameters = split_parameters(rospy.get_param("~", {}))
+    listener = GraphListener(make_listener_settings(other_parameters))
+    home = Path(os.environ.get("ROS_HOME", "~/.ros")).expanduser()
+    directory = Path(page.directory or home / "aras_dashboard").expanduser()
+    dashboard = Dashboard(listener, page.robot, directory)
+    server = serve(dashboard, page.host, page.port, page.token, rospy.loginfo)
     # the address has its own line, so that terminals show it as a link
     print(f"\n    {server.access.address}\n", flush=True)
     status = 0
@@ -278,7 +278,3 @@ def main() -> int:
             thread.join(5.0)
     sys.stdout.flush()
     os._exit(status)  # a normal exit would wait for the threads of tools that are still running
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -17,7 +17,6 @@ import sys
 import tempfile
 from pathlib import Path
 
-import numpy as np
 import rospy
 from gazebo_msgs.srv import GetLinkState, GetWorldProperties
 
@@ -91,8 +90,4 @@ def _read_pose(link: str) -> tuple[float, ...] | None:
     if not state.success:
         return None
     xyz, rpy = xyz_rpy_from_matrix(from_pose(state.link_state.pose, "link").matrix())
-    return (*np.asarray(xyz, float).tolist(), *np.asarray(rpy, float).tolist())
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    return (*map(float, xyz), *map(float, rpy))

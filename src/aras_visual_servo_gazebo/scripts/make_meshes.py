@@ -19,17 +19,14 @@ import gantry_parts
 import numpy as np
 from mesh_primitives import on_grid
 
-# For each link, the function that returns its parts in the frame of the link.
+# For each link, the function of its name, which returns its parts in the frame of the link.
 LINKS: dict[str, Callable[[], list[np.ndarray]]] = {
-    "base_link": gantry_parts.base_link,
-    "slider": gantry_parts.slider,
-    "link0": arm_parts.link0,
-    "link1": arm_parts.link1,
-    "link2": arm_parts.link2,
-    "link3": arm_parts.link3,
-    "link5": arm_parts.link5,
-    "link6": arm_parts.link6,
-}
+    make_parts.__name__: make_parts
+    for make_parts in (
+        gantry_parts.base_link, gantry_parts.slider, arm_parts.link0, arm_parts.link1,
+        arm_parts.link2, arm_parts.link3, arm_parts.link5, arm_parts.link6,
+    )
+}  # fmt: skip
 
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 

@@ -7,6 +7,7 @@ import io
 import os
 import re
 import select
+import shlex
 import sys
 import termios
 import threading
@@ -25,7 +26,7 @@ from std_srvs.srv import Trigger
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.ros import teach, teleop
+from aras_visual_servo_controller.ros import teach, teach_goal, teleop
 from aras_visual_servo_controller.teleop import keyboard
 from aras_visual_servo_controller.teleop.gamepad import (
     AXIS,
@@ -274,6 +275,24 @@ def test_views_of_where_the_arm_stands_become_a_goal(lesson):
     assert not lesson.graph.subscribers and not lesson.graph.publishers
     lesson.arguments.depth, lesson.life.steps = 0.3, [lesson.look] * 4
     assert teach.collect_views(lesson.arguments).depth == pytest.approx(0.3)
+
+
+def test_a_goal_is_written_as_the_command_line_says(lesson, monkeypatch, capsys):
+    file = lesson.arguments.file
+    lesson.life.steps = [lesson.look] * 31
+    assert teach_goal.main([str(file)]) == 0
+    assert file.read_text().startswith(
+        f"# Taught from 30 images.\n# Made by: teach {file}\n")
+    made = Goal.load(file)
+    assert capsys.readouterr().out == (
+        f"wrote {file}: depth {made.depth:.4f} m, area {made.moments.m00:.6f}\n")
+    words = [str(file), "--scheme", "gravity_centre", "--images", "2", "--depth", "0.3"]
+    monkeypatch.setattr(sys, "argv", ["teach", "_gain:=3", *words, "_posture_gain:=0.5"])
+    lesson.life.steps = [lesson.look] * 3
+    assert teach_goal.main() == 0  # the node's parameters are no arguments of its own
+    assert file.read_text().startswith(
+        f"# Taught from 2 images.\n# Made by: teach {shlex.join(words)}\n")
+    assert Goal.load(file).depth == pytest.approx(0.3)
 
 
 def test_the_arm_is_driven_to_a_pose_first(lesson):

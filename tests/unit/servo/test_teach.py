@@ -3,7 +3,6 @@
 import io
 import re
 import shlex
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -225,30 +224,6 @@ def test_the_command_line_that_is_written_works(tmp_path, capsys):
     assert capsys.readouterr().out.splitlines()[1] == said
     np.testing.assert_array_equal(a.moments.mu_array, b.moments.mu_array)
     np.testing.assert_allclose(a.moments.mu_array, the_goal("2016").moments.mu_array, atol=1e-15)
-
-
-def test_views_are_collected_as_the_arguments_say(tmp_path, monkeypatch, capsys):
-    asked, goal = [], replace(the_goal("2016"), moments=None)
-
-    def collect(arguments):
-        asked.append(arguments)
-        return goal
-
-    file = tmp_path / "mine.yaml"
-    assert main([str(file)], collect) == 0
-    assert vars(asked[0]) == {
-        "file": file, "geometry": None, "go": None, "urdf": None, "scheme": "moments",
-        "images": 30, "depth": None, "timeout": 60.0,
-    }  # fmt: skip
-    heading = f"# Taught from 30 images.\n# Made by: teach {file}\n"
-    assert file.read_text().startswith(heading)
-    assert capsys.readouterr().out == f"wrote {file}: depth {goal.depth:.4f} m\n"
-    words = [str(file), "--go", "2015", "--scheme", "points", "--images", "2", "--depth", "0.3"]
-    monkeypatch.setattr(sys, "argv", ["teach", "_gain:=3", *words, "_model:=a.obj"])
-    assert main(collect_views=collect) == 0  # the node's parameters are no arguments of its own
-    told = asked[1]
-    assert (told.go, told.scheme, told.images, told.depth) == ("2015", "points", 2, 0.3)
-    assert f"# Made by: teach {shlex.join(words)}\n" in file.read_text()
 
 
 def test_files_are_read_and_written_in_utf_8_wherever_it_runs(tmp_path, monkeypatch):

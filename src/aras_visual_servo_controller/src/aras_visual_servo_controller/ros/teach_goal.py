@@ -15,7 +15,6 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 from ..errors import ConfigurationError, ServoError
@@ -43,16 +42,10 @@ def make_goal_from_geometry(path: Path, urdf: Path) -> Goal:
     return goal.predict_from_pose(goal.world_T_camera)
 
 
-def main(
-    argv: list[str] | None = None,
-    collect_views: Callable[[argparse.Namespace], Goal] | None = None,
-) -> int:
+def main(argv: list[str] | None = None) -> int:
     """Run the tool and return its exit status.
 
-    Args:
-        argv: command line; None for that of the process.
-        collect_views: function that makes the goal from the camera's images, as the arguments of
-            the command line say; None to receive the images from the ROS graph.
+    argv: command line; None for that of the process.
     """
     parser = argparse.ArgumentParser(
         prog="teach", description=__doc__.splitlines()[0],
@@ -87,9 +80,8 @@ def main(
             goal = make_goal_from_geometry(arguments.geometry, arguments.urdf)
             heading = "View of the target from this pose, computed from the geometry below."
         else:
-            if collect_views is None:
-                # imported here, because no other part of this module needs ROS
-                from .teach import collect_views
+            # imported here, because no other part of this module needs ROS
+            from .teach import collect_views
 
             goal = collect_views(arguments)
             heading = f"Taught from {arguments.images} images."

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 SEED = 2016
+SURFACE_SIZE, PRINT_SIZE = 1024, 512  # sides of the textures of surfaces and of prints, px
 INK = (40, 36, 34)
 PAPERS = ((214, 228, 240), (196, 214, 226), (225, 225, 214), (205, 220, 205))
 PAINTS = ((60, 90, 200), (170, 110, 40), (60, 150, 80), (40, 160, 220), (140, 70, 140),
@@ -38,8 +39,9 @@ def mix_colours(share: np.ndarray, dark: tuple[int, ...], bright: tuple[int, ...
     return np.array(dark) + share[..., None] * (np.array(bright, float) - dark)
 
 
-def draw_wood(rng: np.random.Generator, boards: int, size: int = 1024) -> np.ndarray:
+def draw_wood(rng: np.random.Generator, boards: int) -> np.ndarray:
     """Return a texture of parallel wooden boards whose grain is along the rows of pixels."""
+    size = SURFACE_SIZE
     image = np.zeros((size, size, 3))
     high = size // boards
     for n in range(boards):
@@ -55,8 +57,9 @@ def draw_wood(rng: np.random.Generator, boards: int, size: int = 1024) -> np.nda
     return image
 
 
-def draw_bricks(rng: np.random.Generator, size: int = 1024) -> np.ndarray:
+def draw_bricks(rng: np.random.Generator) -> np.ndarray:
     """Return a texture of 16 rows of 8 bricks; every second row is shifted by half a brick."""
+    size = SURFACE_SIZE
     image = mix_colours(make_noise(rng, (size, size), (32, 8, 4)), (150, 158, 162), (186, 194, 198))
     rough = make_noise(rng, (size, size), (32, 8, 4))
     high, wide = size // 16, size // 8
@@ -76,9 +79,9 @@ def draw_text(image: np.ndarray, words: str, at: tuple[int, int], scale: float,
     cv2.putText(image, words, at, cv2.FONT_HERSHEY_DUPLEX, scale, colour, thick, cv2.LINE_AA)
 
 
-def draw_poster(rng: np.random.Generator, kind: int, size: int = 512) -> np.ndarray:
+def draw_poster(rng: np.random.Generator, kind: int) -> np.ndarray:
     """Return a poster with a heading, a drawing of one of six kinds, and lines of small text."""
-    paper = PAPERS[kind % len(PAPERS)]
+    size, paper = PRINT_SIZE, PAPERS[kind % len(PAPERS)]
     image = np.full((size, size, 3), paper, np.uint8)
     paints = [PAINTS[k] for k in rng.permutation(len(PAINTS))]
     cv2.rectangle(image, (12, 12), (size - 13, size - 13), paints[0], 5)
@@ -127,12 +130,12 @@ def draw_poster(rng: np.random.Generator, kind: int, size: int = 512) -> np.ndar
     return image
 
 
-def draw_label(rng: np.random.Generator, words: str, kind: int, size: int = 512) -> np.ndarray:
+def draw_label(rng: np.random.Generator, words: str, kind: int) -> np.ndarray:
     """Return the texture of the printed side of a tin or a box, with `words` as its name.
 
     kind: number that selects the colours; it also defines the printed product number and weight.
     """
-    back, front = PAINTS[kind % 8], PAPERS[kind % 4]
+    size, back, front = PRINT_SIZE, PAINTS[kind % 8], PAPERS[kind % 4]
     share = make_noise(rng, (size, size), (64, 16))
     image = np.ascontiguousarray(
         mix_colours(share, tuple(int(0.8 * x) for x in back), tuple(min(x + 35, 255) for x in back))

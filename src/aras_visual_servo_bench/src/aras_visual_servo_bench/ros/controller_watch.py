@@ -9,6 +9,8 @@ import rosgraph
 
 from .ros_launch import wait_until
 
+CLOSE_TIMEOUT = 15.0  # longest time for which the recorder closes its bag, s of wall time
+
 
 class ControllerWatch:
     """Subscribers of the demo process, which store the progress of a run. All stamps are in s.
@@ -81,12 +83,12 @@ def wait_for_master(uri: str, is_alive: Callable[[], bool], timeout: float) -> b
     return wait_until(lambda: not is_alive() or is_online(), timeout) and is_alive()
 
 
-def stop_recorder(uri: str, bag: Path, timeout: float = 15.0) -> bool:
-    """Stop the node `record`, and return whether its bag is closed within `timeout`, s."""
+def stop_recorder(uri: str, bag: Path) -> bool:
+    """Stop the node `record`, and return whether its bag is closed within CLOSE_TIMEOUT."""
     active = bag.with_name(bag.name + ".active")
     if not active.exists():
         return bag.exists()
     with contextlib.suppress(OSError, rosgraph.MasterException, xmlrpc.client.Error):
         node = rosgraph.Master("/aras_visual_servo_demo", uri).lookupNode("/record")
         xmlrpc.client.ServerProxy(node).shutdown("/aras_visual_servo_demo", "the run has ended")
-    return wait_until(lambda: bag.exists() and not active.exists(), timeout)
+    return wait_until(lambda: bag.exists() and not active.exists(), CLOSE_TIMEOUT)

@@ -32,9 +32,7 @@ PARAMETER_INTERVAL = 5
 MAX_GOAL_BYTES = 200_000  # largest size of a goal file that is included in the description, bytes
 
 
-def collect_description(
-    parameters: Mapping[str, object], controller: str = CONTROLLER
-) -> dict[str, object]:
+def collect_description(parameters: Mapping[str, object], controller: str) -> dict[str, object]:
     """Return the description of an experiment, a JSON object.
 
     Args:

@@ -14,6 +14,7 @@ two cores, 1.9 times as fast as on one, identical, 3 % (short: 5 %, memory flat)
 from __future__ import annotations
 
 import argparse
+import contextlib
 import io
 import json
 import os
@@ -25,10 +26,10 @@ from pathlib import Path
 import checkout  # noqa: F401
 
 from aras_visual_servo_bench.studies import study_execution as engine
-from aras_visual_servo_bench.studies.pools import DaskPool, InProcessPool, Pool
+from aras_visual_servo_bench.studies.dask_pool import DaskPool
+from aras_visual_servo_bench.studies.pools import InProcessPool, Pool
 from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_bench.studies.study_folder import TIMES, StudyFolder
-from aras_visual_servo_bench.studies.study_progress import StudyProgress
 
 LONG = {"experiment": {"plant": "bullet", "duration": 3.0, "time_after_convergence": None,
                        "start": {"height": [0.15, 0.4], "side": 0.05}}}  # fmt: skip
@@ -41,22 +42,29 @@ def resident_mb() -> float:
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
-class Watched(StudyProgress):
-    """Progress display that records the memory when chunks are finished."""
+class Watched(io.StringIO):
+    """Output of the progress display that records the memory when chunks are finished."""
 
-    def __init__(self, total: int) -> None:
-        super().__init__(total, out=io.StringIO())
+    def __init__(self) -> None:
+        super().__init__()
         self.memory: list[float] = []
 
-    def add_runs(self, *chunk: object) -> None:
-        """Record the resident memory after each chunk."""
+    def isatty(self) -> bool:
+        """Return True, so that the progress is written after each chunk."""
+        return True
+
+    def write(self, text: str) -> int:
+        """Record the resident memory."""
         self.memory.append(resident_mb())
+        return len(text)
 
 
 def warm(pool: Pool, study: Study, folder: Path) -> None:
     """Make every worker load and compile what it needs, which happens once per study."""
     short = Study.from_mapping({**study.to_mapping(), "repeats": 4 * pool.workers, "chunk": 1})
-    engine.carry_out(StudyFolder.create(folder, short, ""), pool, Watched(short.run_count))
+    engine.run_missing(
+        StudyFolder.create(folder, short), lambda: contextlib.nullcontext(pool), None
+    )
 
 
 def timed(study: Study, workers: int, folder: Path) -> dict[str, object]:
@@ -64,9 +72,9 @@ def timed(study: Study, workers: int, folder: Path) -> dict[str, object]:
     with DaskPool(workers) if workers else InProcessPool() as pool:
         warm(pool, study, folder.with_name(folder.name + "-warm"))
         kept = StudyFolder.create(folder, study, "")
-        progress = Watched(study.run_count)
+        progress = Watched()
         wall, processor = time.monotonic(), time.process_time()
-        engine.carry_out(kept, pool, progress)
+        engine.run_missing(kept, lambda: contextlib.nullcontext(pool), progress)
         wall, processor = time.monotonic() - wall, time.process_time() - processor
     times = kept.read_results(TIMES)
     runs, used = (sum(times[name].to_pylist()) for name in ("wall", "processor"))

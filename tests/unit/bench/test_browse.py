@@ -22,9 +22,8 @@ from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.studies.columns import LABEL_COLUMNS
 from aras_visual_servo_bench.studies.pools import InProcessPool
 from aras_visual_servo_bench.studies.study import Study
-from aras_visual_servo_bench.studies.study_execution import carry_out
+from aras_visual_servo_bench.studies.study_execution import run_missing
 from aras_visual_servo_bench.studies.study_folder import CHECKSUM_FILE, StudyFolder
-from aras_visual_servo_bench.studies.study_progress import StudyProgress
 from aras_visual_servo_bench.web.browse.reports import Reports
 from aras_visual_servo_bench.web.browse.server import BrowseServer, serve
 from aras_visual_servo_bench.web.browse.studies import Studies
@@ -406,7 +405,7 @@ def real(tmp_path_factory):
         "vary": {"gain": [2.0, 4.0]}, "chunk": 1, "metrics": ["success", "final_distance"],
     })  # fmt: skip
     folder = StudyFolder.create(path, study, yaml.safe_dump(study.to_mapping()))
-    carry_out(folder, InProcessPool(), StudyProgress(2))
+    run_missing(folder, InProcessPool, None)
     return folder
 
 

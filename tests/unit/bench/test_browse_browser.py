@@ -12,9 +12,8 @@ from statsmodels.stats.proportion import proportion_confint
 
 from aras_visual_servo_bench.studies.pools import InProcessPool
 from aras_visual_servo_bench.studies.study import Study
-from aras_visual_servo_bench.studies.study_execution import carry_out
+from aras_visual_servo_bench.studies.study_execution import run_missing
 from aras_visual_servo_bench.studies.study_folder import StudyFolder
-from aras_visual_servo_bench.studies.study_progress import StudyProgress
 from aras_visual_servo_bench.web.browse.server import serve
 
 SIZES = (1440, 390)
@@ -33,7 +32,7 @@ def folder(tmp_path_factory):
         "experiment": {"plant": "free", "duration": 0.4, "lag": 0.0}, "vary": {"gain": [2.0, 4.0]},
     })  # fmt: skip
     run = StudyFolder.create(path / "run", study, yaml.safe_dump(study.to_mapping()))
-    carry_out(run, InProcessPool(), StudyProgress(2))
+    run_missing(run, InProcessPool, None)
     made_study(path / "made", experiment={"plant": "free"}, repeats=10, **GRID)
     named = {"scheme": [{"name": HOSTILE}, {"name": "points"}]}
     made_study(path / HOSTILE.replace("/", ""), experiment={"plant": "free"}, cases=named)

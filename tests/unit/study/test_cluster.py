@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import io
+import contextlib
 import json
 import os
 import signal
@@ -19,9 +19,8 @@ from aras_visual_servo_bench.studies import chunk_execution as work
 from aras_visual_servo_bench.studies import study_execution as engine
 from aras_visual_servo_bench.studies import versions
 from aras_visual_servo_bench.studies.chunk_execution import ONE_THREAD
-from aras_visual_servo_bench.studies.pools import DaskPool
+from aras_visual_servo_bench.studies.dask_pool import DaskPool
 from aras_visual_servo_bench.studies.study_folder import StudyFolder
-from aras_visual_servo_bench.studies.study_progress import StudyProgress
 
 
 def parts(path):
@@ -89,7 +88,7 @@ def history(hanging, tmp_path_factory):
         made.write_chunk(task.chunk, done)
         assert pool.has_room  # and it need not be made anew for that
         found.stood_still = worker()
-        engine.carry_out(made, pool, StudyProgress(hanging.run_count, out=io.StringIO()))
+        engine.run_missing(made, lambda: contextlib.nullcontext(pool), None)
         found.ended = worker()
     return found
 
@@ -222,7 +221,7 @@ def test_a_named_clusters_workers_are_used_when_they_come(tiny, tmp_path):
         for _ in range(sent):
             task, rows = pool.wait_for_chunk()
             made.write_chunk(task.chunk, rows)
-        engine.carry_out(made, pool, StudyProgress(study.run_count, out=io.StringIO()))
+        engine.run_missing(made, lambda: contextlib.nullcontext(pool), None)
     assert made.find_missing_chunks() == []
 
 
@@ -240,7 +239,7 @@ def test_a_scheduler_of_somebody_else_is_used_and_left_as_it_was(tiny, tmp_path,
     study = tiny(chunk=1)
     made = StudyFolder.create(tmp_path, study, "")
     with DaskPool(scheduler=other.scheduler_address, chunks_before_restart=2) as pool:
-        engine.carry_out(made, pool, StudyProgress(study.run_count, out=io.StringIO()))
+        engine.run_missing(made, lambda: contextlib.nullcontext(pool), None)
         with pytest.raises(ValueError, match="No client"):  # that others would use unasked
             distributed.default_client()
     assert made.find_missing_chunks() == [] and len(other.scheduler.workers) == 1

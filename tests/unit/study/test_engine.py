@@ -70,13 +70,9 @@ def failing(finished):
     return 1.0
 
 
-def quiet(study):
-    return StudyProgress(study.run_count, out=io.StringIO())
-
-
 def carried(study, path, pool=None, **options):
     made = StudyFolder.create(path, study, "as given")
-    engine.carry_out(made, pool or InProcessPool(), quiet(study), **options)
+    engine.run_missing(made, lambda: pool or InProcessPool(), None, **options)
     return made
 
 
@@ -203,7 +199,7 @@ def test_a_part_of_other_runs_is_run_again_and_not_taken_for_its_own(tiny, tmp_p
             StudyFolder.open(made.path).read_results()
         again = StudyFolder.open(made.path)
         assert own in again.find_missing_chunks()
-        engine.carry_out(again, InProcessPool(), quiet(tiny()))
+        engine.run_missing(again, InProcessPool, None)
         assert again.read_results()["run"].to_pylist() == list(range(tiny().run_count))
     assert hashes(whole.path) == hashes(begun.path)
 
@@ -359,7 +355,7 @@ def test_other_code_does_not_go_on_with_a_study(tiny, tmp_path):
     with pytest.raises(StudyError, match="started with other code .numpy .* here and.* 1.0 there"):
         made.check_code()
     with pytest.raises(StudyError, match="a worker has other versions: numpy"):
-        engine.carry_out(made, InProcessPool(), quiet(tiny()))
+        engine.run_missing(made, InProcessPool, None)
     task = work.StudyChunk("{}", 0, versions=tuple(made.manifest["versions"].items()))
     with pytest.raises(StudyError, match="a worker has other versions: numpy"):
         work.carry_out(task)
@@ -490,7 +486,7 @@ def test_a_killed_process_leaves_a_folder_that_goes_on(tiny, tmp_path):
     again = StudyFolder.open(tmp_path / "out")
     assert again.find_missing_chunks() == [0, 2]
     with again.lock():
-        engine.carry_out(again, InProcessPool(), quiet(study))
+        engine.run_missing(again, InProcessPool, None)
     assert hashes(again.path) == hashes(whole.path)
 
 
@@ -508,10 +504,10 @@ def test_a_full_disk_keeps_what_was_done(tiny, tmp_path, monkeypatch):
 
     monkeypatch.setattr(os, "replace", full)
     with pytest.raises(StudyError, match="disk of .*full is full.*bench resume"):
-        engine.carry_out(made, InProcessPool(), quiet(study))
+        engine.run_missing(made, InProcessPool, None)
     monkeypatch.undo()
     assert not list((tmp_path / "full").glob("*/.*.new")) and made.find_missing_chunks() == [1, 2]
-    engine.carry_out(StudyFolder.open(tmp_path / "full"), InProcessPool(), quiet(study))
+    engine.run_missing(StudyFolder.open(tmp_path / "full"), InProcessPool, None)
     assert hashes(tmp_path / "full") == hashes(tmp_path / "whole")
 
 
@@ -534,7 +530,7 @@ def test_what_goes_wrong_in_a_run_is_its_outcome_and_the_others_go_on(tiny, tmp_
 def test_fail_fast_sends_nothing_more(tiny, tmp_path):
     study = tiny(chunk=4)  # the last part is a short one
     made = StudyFolder.create(tmp_path, study, "")
-    done = engine.carry_out(made, InProcessPool(), quiet(study), fail_fast=True)
+    done = engine.run_missing(made, InProcessPool, None, fail_fast=True)
     assert done.stopped["run"] == 0 and done.stopped["outcome"] == "timed_out"
     assert (done.runs, done.failed, made.find_missing_chunks()) == (4, 4, [1])
     assert "parts" not in made.manifest
@@ -547,7 +543,7 @@ def test_a_run_that_kills_its_process_is_found_named_and_recorded(tiny, tmp_path
     name = "test_engine:killing"
     study = tiny(metrics=["success", name], chunk=3, repeats=1)
     made = StudyFolder.create(tmp_path / "killed", study, "")
-    engine.carry_out(made, Dying(), quiet(study))
+    engine.run_missing(made, Dying, None)
     table = made.read_results()
     assert table["outcome"].to_pylist() == ["timed_out", rows.DIED, "timed_out"]
     assert table["reason"][1].as_py() == "the process of the run was ended by SIGKILL"

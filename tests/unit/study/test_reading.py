@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import time
 from dataclasses import replace
@@ -26,9 +25,8 @@ from aras_visual_servo_bench.studies import study_execution as engine
 from aras_visual_servo_bench.studies.pools import InProcessPool
 from aras_visual_servo_bench.studies.results import Results
 from aras_visual_servo_bench.studies.study import Study
-from aras_visual_servo_bench.studies.study_execution import carry_out
+from aras_visual_servo_bench.studies.study_execution import run_missing
 from aras_visual_servo_bench.studies.study_folder import StudyFolder
-from aras_visual_servo_bench.studies.study_progress import StudyProgress
 from aras_visual_servo_bench.studies.tuner import SearchRange, Tuner
 from aras_visual_servo_bench.web.report.video import write_video, write_with_video
 
@@ -187,7 +185,7 @@ def test_differences_that_are_more_than_chance_are_told_with_their_direction():
 
 def in_process(study, path):
     folder = StudyFolder.create(path, study, "")
-    carry_out(folder, InProcessPool(), StudyProgress(study.run_count, out=io.StringIO()))
+    run_missing(folder, InProcessPool, None)
 
 
 def test_the_tuner_finds_the_gain_and_goes_on_where_it_was(tiny, tmp_path):
@@ -373,6 +371,15 @@ def test_runs_of_a_study_are_analyzed_beside_each_other(tiny, tmp_path, capsys):
     assert "there is no run 6" in capsys.readouterr().err
     assert main(["show", str(out)]) == 1
     assert "give the number of a run" in capsys.readouterr().err
+
+
+def test_a_study_that_names_the_file_of_its_experiment_is_resumed(tmp_path, capsys):
+    (tmp_path / "base.yaml").write_text("{plant: free, duration: 0.1}\n")
+    file, out = tmp_path / "study.yaml", tmp_path / "out"
+    file.write_text("experiment: base.yaml\n")
+    assert main(["run", str(file), "--out", str(out), "--in-process", "--no-report"]) == 0
+    assert main(["resume", str(out), "--in-process", "--no-report"]) == 0
+    assert "all 1 runs are in" in capsys.readouterr().out
 
 
 def test_the_command_line_from_file_to_table(tmp_path, capsys):

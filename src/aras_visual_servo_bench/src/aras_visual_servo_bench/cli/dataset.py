@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import argparse
 
-import yaml
-
 from ..experiment.overrides import parse_overrides
 from ..studies import image_table, study_execution
 from ..studies.study import Study
@@ -23,5 +21,4 @@ def make_dataset(options: argparse.Namespace) -> int:
     study = Study.from_yaml(path, changed)
     study_execution.check_study(study)
     print(image_table.check_room(study, options.out, count_stored_runs(options.out)))
-    text = yaml.safe_dump(study.to_mapping(), sort_keys=False)
-    return run.carry_out(StudyFolder.create(options.out, study, text), options)
+    return run.carry_out(StudyFolder.create(options.out, study), options)

@@ -8,8 +8,6 @@ from __future__ import annotations
 import argparse
 import dataclasses
 
-import yaml
-
 from aras_visual_servo_base.names import suggest
 
 from ..errors import StudyError
@@ -27,8 +25,7 @@ def run_protocol(options: argparse.Namespace) -> int:
     """Run the selected cases of a protocol, and write its table."""
     study = _select_cases(Study.from_yaml(run.find_study_file(options.study)), options)
     study_execution.check_study(study)
-    text = yaml.safe_dump(study.to_mapping(), sort_keys=False)
-    status = run.carry_out(StudyFolder.create(options.out, study, text), options)
+    status = run.carry_out(StudyFolder.create(options.out, study), options)
     written = Results.read(options.out).write_csv(options.out / TABLE_FILE)
     print(f"wrote {options.out / TABLE_FILE}: {written} runs")
     return status

@@ -8,16 +8,16 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from aras_visual_servo_base.names import suggest
+from aras_visual_servo_base.yaml_files import read_yaml
 
 from ..errors import StudyError, find_command
 from ..experiment.packages import PackagePath
 from ..metrics.formatting import format_count
 from ..studies import data_card, image_table, study_execution, tables
 from ..studies.cli_defaults import CHUNKS_BEFORE_RESTART
-from ..studies.pools import DaskPool, InProcessPool, Pool
+from ..studies.dask_pool import DaskPool
+from ..studies.pools import InProcessPool, Pool
 from ..studies.results import Results
 from ..studies.study import Study
 from ..studies.study_folder import StudyFolder, count_stored_runs
@@ -66,9 +66,9 @@ def run_study(options: argparse.Namespace, changes: dict[str, Any]) -> int:
         return 0
     if options.out is None:
         raise StudyError("give an output folder by --out DIR, or use --dry-run")
-    text = options.study.read_text(encoding="utf-8")
-    if changes or "experiment" in text and Study.from_yaml(options.study).digest != study.digest:
-        text = yaml.safe_dump(study.to_mapping(), sort_keys=False)
+    # A copy of the file would not find the experiment's file by a relative path.
+    has_path = isinstance(read_yaml(options.study, StudyError).get("experiment"), str)
+    text = None if changes or has_path else options.study.read_text(encoding="utf-8")
     return carry_out(StudyFolder.create(options.out, study, text), options)
 
 
@@ -87,7 +87,6 @@ def carry_out(folder: StudyFolder, options: argparse.Namespace) -> int:
     if not options.mix:
         folder.check_code()
     with folder.lock():
-        has_all_runs = folder.count_stored_runs() == folder.study.run_count
         try:
             done = study_execution.run_missing(
                 folder, lambda: make_pool(options), sys.stderr, options.fail_fast, options.mix
@@ -96,12 +95,11 @@ def carry_out(folder: StudyFolder, options: argparse.Namespace) -> int:
             raise StudyError(f"{error}; {_describe_progress(folder)}") from error
         except KeyboardInterrupt:
             raise StudyError(f"interrupted; {_describe_progress(folder)}") from None
-        if not has_all_runs:
-            failed = "" if folder.study.pictures == "first" else (
-                f"{done.failed} new runs without success, ")
+        if done.new_runs:
+            failed = f"{done.failed} new runs without success, "
             print(
                 f"{done.runs} of {format_count(folder.study.run_count, 'run')} in {folder.path}, "
-                f"{failed}"
+                f"{'' if folder.study.pictures == 'first' else failed}"
                 f"{format_duration(done.seconds)}"
             )
             if done.stopped:

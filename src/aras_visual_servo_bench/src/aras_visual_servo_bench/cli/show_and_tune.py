@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
+import sys
 import traceback
 from pathlib import Path
 
@@ -14,7 +16,6 @@ from ..experiment import overrides
 from ..studies import study_execution
 from ..studies.study import Study
 from ..studies.study_folder import StudyFolder
-from ..studies.study_progress import StudyProgress
 from . import compilation, run
 
 
@@ -93,13 +94,10 @@ def tune(options: argparse.Namespace) -> int:
     with run.make_pool(options) as workers:
 
         def carry_out(generation: Study, path: Path) -> None:
-            text = yaml.safe_dump(generation.to_mapping(), sort_keys=False)
-            folder = StudyFolder.create(path, generation, text)
-            folder.check_code()
-            with folder.lock():
-                progress = StudyProgress(generation.run_count, folder.count_stored_runs())
-                study_execution.carry_out(folder, workers, progress)
-                progress.close()
+            # the same workers run all generations, so a generation does not close them
+            study_execution.run_in_folder(
+                generation, path, lambda: contextlib.nullcontext(workers), sys.stderr
+            )
 
         tuner = Tuner(study, ranges, options.metric, options.out, carry_out, options.success)
         best = tuner.search(options.evaluations)

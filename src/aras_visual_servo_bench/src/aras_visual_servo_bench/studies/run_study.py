@@ -8,13 +8,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from . import study_execution
-from .pools import DaskPool, InProcessPool
+from .dask_pool import DaskPool
+from .pools import InProcessPool
 from .results import Results
 from .study import Study
-from .study_folder import StudyFolder
 
 
 def run_study(
@@ -44,14 +42,8 @@ def run_study(
         mapping = isinstance(study, Mapping)
         study = Study.from_mapping(study) if mapping else Study.from_yaml(study)
     study_execution.check_study(study)
-    text = yaml.safe_dump(study.to_mapping(), sort_keys=False)
-    study_folder = StudyFolder.create(Path(folder), study, text)
-    study_folder.check_code()
     workers = workers or os.cpu_count() or 1
-    with study_folder.lock():
-        study_execution.run_missing(
-            study_folder,
-            lambda: InProcessPool() if workers == 1 else DaskPool(workers),
-            sys.stderr if progress else None,
-        )
-    return Results.from_folder(study_folder)
+    return Results.from_folder(study_execution.run_in_folder(
+        study, Path(folder), lambda: InProcessPool() if workers == 1 else DaskPool(workers),
+        sys.stderr if progress else None,
+    ))  # fmt: skip

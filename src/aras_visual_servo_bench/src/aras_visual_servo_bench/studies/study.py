@@ -11,7 +11,7 @@ import hashlib
 import json
 import math
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -358,6 +358,10 @@ class Study(SettingsBase):
         """Return the numbers of the runs of a chunk."""
         first = chunk * self.chunk_size
         return range(first, min(first + self.chunk_size, self.run_count))
+
+    def count_runs(self, chunks: Iterable[int]) -> int:
+        """Count the runs of several chunks."""
+        return sum(len(self.list_chunk_runs(chunk)) for chunk in chunks)
 
     def find_combination(self, point: int) -> Combination:
         """Return the cases of the combination of settings (point) with the number `point`."""

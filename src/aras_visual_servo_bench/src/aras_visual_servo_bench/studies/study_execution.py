@@ -3,12 +3,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, TextIO
 
 from ..errors import ExperimentError, StudyError
@@ -33,12 +36,14 @@ class ExecutionSummary:
     """Result of running a study.
 
     runs: number of stored runs.
-    failed: number of runs without success during this call.
+    new_runs: number of these runs that this call computed.
+    failed: number of new runs without success.
     stopped: row of the failed run that stopped the study; None if the study was not stopped.
     seconds: wall time of this call, s.
     """
 
     runs: int
+    new_runs: int
     failed: int
     stopped: dict[str, Any] | None
     seconds: float
@@ -72,14 +77,39 @@ def is_success(values: dict[str, object], judged: str = success.name) -> bool:
     )
 
 
+def run_in_folder(
+    study: Study, path: Path, make_pool: Callable[[], AbstractContextManager[Pool]],
+    out: TextIO | None,
+) -> StudyFolder:  # fmt: skip
+    """Run the missing runs of a study in a folder, which is created if necessary.
+
+    Args:
+        study: settings of the study.
+        path: folder of the study.
+        make_pool: function that makes the workers; it is called only if a run is missing.
+        out: stream of the progress bar; None: no bar.
+
+    Raises:
+        StudyError: the folder contains another study or was written with other code, the workers
+            are lost, or results cannot be written.
+    """
+    folder = StudyFolder.create(path, study)
+    folder.check_code()
+    with folder.lock():
+        run_missing(folder, make_pool, out)
+    return folder
+
+
 def run_missing(
     folder: StudyFolder,
-    make_pool: Callable[[], Pool],
+    make_pool: Callable[[], AbstractContextManager[Pool]],
     out: TextIO | None,
     fail_fast: bool = False,
     can_mix_code: bool = False,
 ) -> ExecutionSummary:
-    """Run the missing runs of a study with a progress bar; the caller holds the folder's lock.
+    """Run the missing chunks (groups of runs) of a study, and write their results to its folder.
+
+    The caller holds the folder's lock.
 
     Args:
         folder: folder of the study.
@@ -90,70 +120,44 @@ def run_missing(
             code.
 
     Raises:
-        StudyError: the workers are lost, or results cannot be written.
-    """
-    stored = folder.count_stored_runs()
-    if stored == folder.study.run_count:
-        folder.finish()
-        return ExecutionSummary(stored, 0, None, 0.0)
-    progress = StudyProgress(folder.study.run_count, stored, out or io.StringIO())
-    try:
-        with make_pool() as pool:
-            return carry_out(folder, pool, progress, fail_fast, can_mix_code)
-    finally:
-        progress.close()
-
-
-def carry_out(
-    folder: StudyFolder,
-    pool: Pool,
-    progress: StudyProgress,
-    fail_fast: bool = False,
-    can_mix_code: bool = False,
-) -> ExecutionSummary:
-    """Run the missing chunks (groups of runs) of a study, and write their results to its folder.
-
-    Args:
-        folder: folder of the study.
-        pool: workers that run the chunks.
-        progress: display of the progress.
-        fail_fast: whether to start no more chunks after a run without success.
-        can_mix_code: whether to continue a study that was started with a different version of the
-            code.
-
-    Raises:
         StudyError: the connection to the workers is lost, or results cannot be written. Results
             that have already been written remain valid.
     """
-    start = time.monotonic()
     study = folder.study
-    text = json.dumps(study.to_mapping())
-    known = None if can_mix_code else tuple(folder.manifest["versions"].items())
     todo = deque(folder.find_missing_chunks())
-    running = failed = 0
-    stopped = None
-    while todo or running:
-        while todo and not stopped and pool.has_room:
-            pool.submit(StudyChunk(text, todo.popleft(), versions=known))
-            running += 1
-        if not running:
-            break
-        task, chunk_rows = pool.wait_for_chunk()
-        # the worker has died, so repeat this chunk with a separate process for each run
-        if chunk_rows is None:
-            pool.submit(task)
-            continue
-        running -= 1
-        folder.write_chunk(task.chunk, chunk_rows)
-        bad = [values for values in chunk_rows.values if not is_success(values, study.judged)]
-        failed += len(bad)
-        progress.add_runs(len(chunk_rows.values), len(bad), chunk_rows.times, pool.workers)
-        if fail_fast and bad:
-            stopped = stopped or bad[0]
     if not todo:
         folder.finish()
-    missing = sum(len(study.list_chunk_runs(chunk)) for chunk in todo)
-    return ExecutionSummary(study.run_count - missing, failed, stopped, time.monotonic() - start)
+        return ExecutionSummary(study.run_count, 0, 0, None, 0.0)
+    stored = study.run_count - study.count_runs(todo)
+    text = json.dumps(study.to_mapping())
+    known = None if can_mix_code else tuple(folder.manifest["versions"].items())
+    progress = StudyProgress(study.run_count, stored, out or io.StringIO())
+    running = failed = 0
+    stopped = None
+    with make_pool() as pool, contextlib.closing(progress):
+        start = time.monotonic()
+        while todo or running:
+            while todo and not stopped and pool.has_room:
+                pool.submit(StudyChunk(text, todo.popleft(), versions=known))
+                running += 1
+            if not running:
+                break
+            task, chunk_rows = pool.wait_for_chunk()
+            # the worker has died, so repeat this chunk with a separate process for each run
+            if chunk_rows is None:
+                pool.submit(task)
+                continue
+            running -= 1
+            folder.write_chunk(task.chunk, chunk_rows)
+            bad = [values for values in chunk_rows.values if not is_success(values, study.judged)]
+            failed += len(bad)
+            progress.add_runs(len(chunk_rows.values), len(bad), chunk_rows.times, pool.workers)
+            if fail_fast and bad:
+                stopped = stopped or bad[0]
+    if not todo:
+        folder.finish()
+    runs = study.run_count - study.count_runs(todo)
+    return ExecutionSummary(runs, runs - stored, failed, stopped, time.monotonic() - start)
 
 
 def dry_run(study: Study, workers: int) -> list[str]:

@@ -27,6 +27,7 @@ from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
+import yaml
 
 from ..errors import StudyError, find_command, read_first_line
 from . import image_table, run_rows, versions
@@ -60,7 +61,7 @@ class StudyFolder:
         self._cached_tables: dict[Path, tuple[tuple[int, int], pa.Table]] = {}
 
     @classmethod
-    def create(cls, path: Path, study: Study, text: str) -> StudyFolder:
+    def create(cls, path: Path, study: Study, text: str | None = None) -> StudyFolder:
         """Create the folder of a study, or open the existing folder of the same study.
 
         If the folder contains a study without any stored run, it is created again.
@@ -68,7 +69,7 @@ class StudyFolder:
         Args:
             path: path of the folder.
             study: settings of the study.
-            text: content of the study's YAML file.
+            text: content of the study's YAML file; None: all settings of the study.
 
         Raises:
             StudyError: the folder contains another study or other files, or cannot be written.
@@ -95,6 +96,8 @@ class StudyFolder:
                 "versions": versions.read_study_versions(study.to_mapping()),
                 "study": study.to_mapping(),
             }  # fmt: skip
+            if text is None:
+                text = yaml.safe_dump(study.to_mapping(), sort_keys=False)
             (path / STUDY).write_text(text, encoding="utf-8")
             _write_file(path / MANIFEST, _to_json(manifest))
         return cls(path, study, manifest)
@@ -253,10 +256,7 @@ class StudyFolder:
 
     def count_stored_runs(self) -> int:
         """Count the runs whose results are stored in the folder."""
-        missing = sum(
-            len(self.study.list_chunk_runs(chunk)) for chunk in self.find_missing_chunks()
-        )
-        return self.study.run_count - missing
+        return self.study.run_count - self.study.count_runs(self.find_missing_chunks())
 
     def read_results(self, kind: str = PARTS) -> pa.Table:
         """Read all stored rows, in the order of the runs; files are cached until they change.

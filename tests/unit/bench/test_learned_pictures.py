@@ -111,7 +111,7 @@ def test_a_network_learns_what_is_linear(tmp_path):
     x = random.normal(size=(60, 10))
     turn = 0.4 * x[:, 3]
     y = np.column_stack([0.1 * x[:, 0], x[:, 1] - x[:, 2], x[:, 2], np.cos(turn), np.sin(turn)])
-    np.savez(tmp_path / "w.npz", **learned.train(x, y))
+    np.savez(tmp_path / "w.npz", **learned.GoalPoseNetwork.train(x, y))
     network = learned.GoalPoseNetwork.load(tmp_path / "w.npz")
     found = np.array([network(row) for row in x[:20]])
     wanted = np.column_stack([y[:20, :3], turn[:20]])
@@ -147,7 +147,7 @@ def test_what_it_practises_on_belongs_together():
     np.testing.assert_allclose(np.hypot(y[:, 3], y[:, 4]), 1.0, atol=1e-3)
     far = np.linalg.norm(y[:, :3], axis=1)
     assert far[:2].min() > 0.02 and np.sort(far)[:20].max() < 0.03
-    network = PolicyNetwork(policy.train(x[::2], y[::2]))
+    network = PolicyNetwork(PolicyNetwork.train(x[::2], y[::2]))
     found = np.array([network(row) for row in x[1::2]])
     assert np.median(policy.compute_errors(found, y[1::2])[0]) < 0.05
 

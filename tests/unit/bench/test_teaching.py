@@ -172,6 +172,12 @@ def test_a_program_says_how_well_its_network_knows_unseen_pictures(tmp_path, cap
         user, module = "sums", "sums"
         activation = staticmethod(lambda values: values)
 
+        @classmethod
+        def train(cls, x, y):
+            assert len(x) == len(y) == 7
+            unit = {"mean": np.zeros(2), "scale": np.ones(2), "out_mean": np.zeros(1)}
+            return {**unit, "out_scale": np.ones(1), "w0": np.ones((2, 1)), "b0": np.zeros(1)}
+
         def __call__(self, x):
             return self.predict(x)
 
@@ -181,16 +187,11 @@ def test_a_program_says_how_well_its_network_knows_unseen_pictures(tmp_path, cap
         asked.append((count, seed))
         return np.arange(2.0 * count).reshape(count, 2), np.zeros((count, 1))
 
-    def train(x, y):
-        assert len(x) == len(y) == 7
-        unit = {"mean": np.zeros(2), "scale": np.ones(2), "out_mean": np.zeros(1)}
-        return {**unit, "out_scale": np.ones(1), "w0": np.ones((2, 1)), "b0": np.zeros(1)}
-
     out = tmp_path / "deep" / "sums.npz"
     for _ in range(2):  # the second time its folder is there
         asked.clear()
         status = run_training(
-            Sums, ["--pictures", "7", "--out", str(out)], "text", 99, 5, pictures, train,
+            Sums, ["--pictures", "7", "--out", str(out)], "text", 99, 5, pictures,
             lambda found, y: (found[:, 0], found[:, 0] / 100.0))  # fmt: skip
         assert status == 0
         assert asked == [(7, 0), (5, 1)] and sorted(np.load(out)) == [
@@ -202,7 +203,8 @@ def test_a_program_says_how_well_its_network_knows_unseen_pictures(tmp_path, cap
     def fail(*_):
         raise ExperimentError("no library")
 
-    assert run_training(Sums, ["--out", str(out)], "text", 99, 5, pictures, fail, None) == 1
+    Sums.train = fail
+    assert run_training(Sums, ["--out", str(out)], "text", 99, 5, pictures, None) == 1
     assert asked[-1] == (99, 0) and capsys.readouterr().err == "sums: no library\n"
 
 

@@ -40,11 +40,10 @@ from aras_visual_servo_controller.features.luminance import get_grey_image
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.observation.observation import Need, Observation
 
-from .regressor import Regressor, fit_network, run_training
+from .regressor import Regressor, run_training
 
 COLUMNS, ROWS = 28, 21  # size of the network's input image, px
-HIDDEN_LAYERS = (160, 96)
-PROTOCOL, EPOCHS = "convergence_domain", 60
+PROTOCOL = "convergence_domain"
 TEXTURE_COUNT = 120  # number of changed versions of the poster in the training images
 PLACES_BETWEEN = 3  # number of training poses near the path from each start to the goal
 # Training poses deviate at random from the straight path to the goal. These are the standard
@@ -77,6 +76,11 @@ class PoseNetwork(Regressor):
 
     user, module = "the learned feature", "learned_pose"
     activation = staticmethod(relu)
+    training = {
+        "min_scale": 1e-6, "dtype": np.float16, "hidden_layer_sizes": (160, 96),
+        "activation": "relu", "solver": "adam", "alpha": 1e-4, "batch_size": 100,
+        "learning_rate_init": 1e-3, "max_iter": 60, "n_iter_no_change": 60, "tol": 0.0,
+    }  # fmt: skip
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """Predict the logarithm (6,), m and rad, of the camera's pose from inputs (k,).
@@ -181,24 +185,6 @@ def make_training_data(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarra
     return np.array(x[:count]), np.array(y[:count])
 
 
-def train(x: np.ndarray, y: np.ndarray, seed: int = 0) -> dict[str, np.ndarray]:
-    """Train a PoseNetwork and return its arrays.
-
-    Args:
-        x: (n, k) inputs.
-        y: (n, 6) outputs.
-        seed: seed of the initial weights.
-
-    Raises:
-        ExperimentError: scikit-learn is not installed.
-    """
-    return fit_network(
-        x, y, 1e-6, np.float16, hidden_layer_sizes=HIDDEN_LAYERS, activation="relu", solver="adam",
-        alpha=1e-4, batch_size=100, learning_rate_init=1e-3, max_iter=EPOCHS, tol=0.0,
-        n_iter_no_change=EPOCHS, random_state=seed,
-    )  # fmt: skip
-
-
 def _reduce_camera(camera: CameraModel) -> CameraModel:
     """Return a camera with the same field of view and a quarter of the columns and of the rows."""
     fx, _, cx, _, fy, cy, *_ = camera.K
@@ -224,14 +210,7 @@ def compute_errors(predicted: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np
 def main(argv: list[str] | None = None) -> int:
     """Run the training command and return its exit status."""
     return run_training(
-        PoseNetwork,
-        argv,
-        __doc__.splitlines()[0],
-        24_000,
-        400,
-        make_training_data,
-        train,
-        compute_errors,
+        PoseNetwork, argv, __doc__.splitlines()[0], 24_000, 400, make_training_data, compute_errors
     )
 
 

@@ -31,10 +31,9 @@ from aras_visual_servo_controller.schemes import Scheme, SchemeOutput
 
 from ..errors import OutOfViewError
 from ..experiment.experiment import RandomStart
-from .regressor import Regressor, fit_network, run_training
+from .regressor import Regressor, run_training
 
 SERVOED_DIRECTIONS = (True, True, True, False, False, True)
-HIDDEN_LAYERS = (64, 64)
 
 
 def make_inputs(moments: Moments) -> np.ndarray:
@@ -58,6 +57,11 @@ class GoalPoseNetwork(Regressor):
 
     user, module = "the learned scheme", "learned"
     activation = np.tanh
+    training = {
+        "min_scale": 0.0, "dtype": np.float32, "hidden_layer_sizes": (64, 64),
+        "activation": "tanh", "solver": "lbfgs", "alpha": 1e-6, "max_iter": 800, "max_fun": 1200,
+        "tol": 1e-9,
+    }  # fmt: skip
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """Predict the pose of the goal from inputs (k,).
@@ -178,23 +182,6 @@ def make_training_data(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarra
     return np.array(x), np.array(y)
 
 
-def train(x: np.ndarray, y: np.ndarray, seed: int = 0) -> dict[str, np.ndarray]:
-    """Train the network and return its arrays.
-
-    Args:
-        x: (n, 10) inputs.
-        y: (n, 5) outputs.
-        seed: seed of the initial weights.
-
-    Raises:
-        ExperimentError: scikit-learn is not installed.
-    """
-    return fit_network(
-        x, y, 0.0, np.float32, hidden_layer_sizes=HIDDEN_LAYERS, activation="tanh", solver="lbfgs",
-        max_iter=800, max_fun=1200, alpha=1e-6, random_state=seed, tol=1e-9,
-    )  # fmt: skip
-
-
 def compute_errors(predicted: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Compute the errors of predictions.
 
@@ -212,15 +199,9 @@ def compute_errors(predicted: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np
 def main(argv: list[str] | None = None) -> int:
     """Run the training command and return its exit status."""
     return run_training(
-        GoalPoseNetwork,
-        argv,
-        __doc__.splitlines()[0],
-        4000,
-        200,
-        make_training_data,
-        train,
+        GoalPoseNetwork, argv, __doc__.splitlines()[0], 4000, 200, make_training_data,
         compute_errors,
-    )
+    )  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -35,10 +35,8 @@ from ..experiment.experiment import Experiment, RandomStart
 from ..runner.environment import ENVIRONMENT, MAX_TWIST
 from .learned_pose import relu, shrink_image
 from .learned_scheme import GoalPoseNetwork, LearnedScheme, compute_errors
-from .regressor import fit_network
 
 COLUMNS, ROWS = 40, 30  # size of the network's input image, px
-HIDDEN_LAYERS = (192, 96)
 TRAINING_STARTS = RandomStart(height=(0.15, 0.4), side=0.1, turn=np.radians(45.0))
 # Experiment of a training episode: the simulated arm in front of the demo's target, for up to 4 s.
 TRAINING_EXPERIMENT = Experiment(
@@ -66,6 +64,12 @@ class PolicyNetwork(GoalPoseNetwork):
 
     user, module = "the policy", "policy"
     activation = staticmethod(relu)
+    training = {
+        "min_scale": 0.3, "dtype": np.float16, "refinements": REFINEMENTS,
+        "hidden_layer_sizes": (192, 96), "activation": "relu", "solver": "adam", "alpha": 1e-5,
+        "batch_size": 100, "learning_rate_init": 1e-3, "max_iter": EPOCHS,
+        "n_iter_no_change": EPOCHS, "tol": 0.0,
+    }  # fmt: skip
 
 
 class Policy(LearnedScheme):
@@ -163,25 +167,6 @@ def collect_demonstrations(
     return np.array(x), np.array(y)
 
 
-def train(x: np.ndarray, y: np.ndarray, seed: int = 0) -> dict[str, np.ndarray]:
-    """Train a PolicyNetwork and return its arrays.
-
-    Args:
-        x: (n, k) inputs.
-        y: (n, 5) outputs.
-        seed: seed of the initial weights.
-
-    Raises:
-        ExperimentError: scikit-learn is not installed.
-    """
-    return fit_network(
-        x, y, 0.3, np.float16, REFINEMENTS, hidden_layer_sizes=HIDDEN_LAYERS, activation="relu",
-        solver="adam",
-        alpha=1e-5, batch_size=100, learning_rate_init=1e-3, max_iter=EPOCHS, tol=0.0,
-        n_iter_no_change=EPOCHS, random_state=seed,
-    )  # fmt: skip
-
-
 def main(argv: list[str] | None = None) -> int:
     """Run the training command and return its exit status."""
     parser = argparse.ArgumentParser(
@@ -208,7 +193,7 @@ def main(argv: list[str] | None = None) -> int:
                 _print_errors(number + 1, predicted, demonstrations[1])
             x.append(demonstrations[0])
             y.append(demonstrations[1])
-            arrays = train(np.concatenate(x), np.concatenate(y), number)
+            arrays = PolicyNetwork.train(np.concatenate(x), np.concatenate(y), number)
             policy = PolicyNetwork(arrays)
     except ExperimentError as error:
         print(f"policy: {error}", file=sys.stderr)

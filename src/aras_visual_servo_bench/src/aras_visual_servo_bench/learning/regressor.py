@@ -27,11 +27,13 @@ class Regressor:
         user: name of the scheme or feature that uses the network, for messages.
         module: module of this package with the training command of the network.
         activation: activation function of the hidden layers.
+        training: options of `fit_network`.
     """
 
     user: ClassVar[str]
     module: ClassVar[str]
     activation: ClassVar[Callable[[np.ndarray], np.ndarray]]
+    training: ClassVar[Mapping[str, Any]]
 
     def __init__(self, arrays: Mapping[str, np.ndarray]) -> None:
         """Create a network from its arrays.
@@ -77,6 +79,20 @@ class Regressor:
                 f"{path} does not contain a network ({error}); {make}"
             ) from None
 
+    @classmethod
+    def train(cls, x: np.ndarray, y: np.ndarray, seed: int = 0) -> dict[str, np.ndarray]:
+        """Train a network and return its arrays.
+
+        Args:
+            x: (n, k) inputs.
+            y: (n, m) outputs.
+            seed: seed of the initial weights.
+
+        Raises:
+            ExperimentError: scikit-learn is not installed.
+        """
+        return fit_network(x, y, random_state=seed, **cls.training)
+
     def predict(self, x: np.ndarray) -> np.ndarray:
         """Compute the outputs (m,) from inputs (k,)."""
         values = (x - self._mean) / self._scale
@@ -89,7 +105,6 @@ class Regressor:
 def run_training(
     kind: type[Regressor], argv: list[str] | None, description: str, count: int, test_count: int,
     make_data: Callable[..., tuple[np.ndarray, np.ndarray]],
-    train: Callable[[np.ndarray, np.ndarray], dict[str, np.ndarray]],
     compute_errors: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]],
 ) -> int:  # fmt: skip
     """Run a training command.
@@ -104,7 +119,6 @@ def run_training(
         test_count: number of test images.
         make_data: function that returns inputs and outputs. Its arguments are the number of images
             and a seed.
-        train: function that trains the network on inputs and outputs, and returns its arrays.
         compute_errors: function that returns the position errors (n,), m, and the rotation errors
             (n,), rad. Its arguments are n predictions and the true outputs.
 
@@ -123,7 +137,7 @@ def run_training(
     )
     options = parser.parse_args(argv)
     try:
-        arrays = train(*make_data(options.pictures))
+        arrays = kind.train(*make_data(options.pictures))
     except ExperimentError as error:
         print(f"{kind.module}: {error}", file=sys.stderr)
         return 1

@@ -7,6 +7,7 @@ setup(**generate_distutils_setup(
     packages=find_packages("src"),
     package_dir={"": "src"},
     package_data={
+        "aras_visual_servo_bench.studies": ["*.jinja"],
         "aras_visual_servo_bench.web": ["page/*"], "aras_visual_servo_bench.web.live": ["page/*"],
         "aras_visual_servo_bench.web.report": ["page/*"],
         "aras_visual_servo_bench.web.browse": ["page/*"],

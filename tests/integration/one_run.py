@@ -33,7 +33,8 @@ from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.metrics.summary import summarise
 from aras_visual_servo_bench.recording.graph_recording import GraphRecording
 from aras_visual_servo_bench.recording.message_run_builder import MessageRunBuilder
-from aras_visual_servo_bench.recording.run import Run, Verdict
+from aras_visual_servo_bench.recording.run import Run
+from aras_visual_servo_bench.recording.verdict import Verdict
 from aras_visual_servo_bench.ros.bag import read_bag
 from aras_visual_servo_bench.ros.describe import collect_description
 from aras_visual_servo_bench.runner.loop import Loop

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 from made_run import made_run
 
-from aras_visual_servo_bench.recording.run import CameraRecord, Run
+from aras_visual_servo_bench.recording.camera_record import CameraRecord
+from aras_visual_servo_bench.recording.run import Run
 
 LAST = 30  # images and joint states that repeat
 

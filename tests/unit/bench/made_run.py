@@ -8,7 +8,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from aras_visual_servo_bench.experiment.experiment import Experiment
-from aras_visual_servo_bench.recording.run import CameraRecord, Run, Verdict
+from aras_visual_servo_bench.recording.camera_record import CameraRecord
+from aras_visual_servo_bench.recording.run import Run
+from aras_visual_servo_bench.recording.verdict import Verdict
 from aras_visual_servo_bench.targets.geometry import PlacedTarget, PolygonTarget, TargetMotion
 from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_controller.kinematics.ik_solution import IKSolution

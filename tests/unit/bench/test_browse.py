@@ -369,7 +369,7 @@ def test_a_status_says_whose_fault_it_was(served, folder, caplog):
     status, text, _ = get(served, "/ask", b'{"do": "dance"}')
     assert status == 400 and "dance" in json.loads(text)["error"]
     faulty = start_server(lambda access, sockets: Faulty(Studies([folder]), access, sockets),
-                          "the results browser", "127.0.0.1", 19400, "", lambda _: None)
+                          "the results browser", "read", "127.0.0.1", 19400, "", lambda _: None)
     try:
         for _ in range(2):
             status, text, headers = get(faulty, "/ask", b'{"do": "studies"}')

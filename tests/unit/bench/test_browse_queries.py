@@ -15,7 +15,15 @@ from aras_visual_servo_base.settings import build
 from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.metrics.formatting import choose_unit
 from aras_visual_servo_bench.web.browse import result_queries as queries
-from aras_visual_servo_bench.web.browse.result_queries import ColumnFilter
+from aras_visual_servo_bench.web.browse.map_cells import divide_into_cells, to_json_value
+from aras_visual_servo_bench.web.browse.queries import (
+    ColumnFilter,
+    GroupQuery,
+    MapQuery,
+    PointQuery,
+    RowQuery,
+    RunSelection,
+)
 from aras_visual_servo_bench.web.browse.studies import StudiesSnapshot, StudyEntry
 
 COUNT = 390
@@ -60,7 +68,7 @@ def table():
 
 def chosen(look, *filters, studies=()):
     """Return the rows that these filters select."""
-    asked = queries.RunSelection(studies, tuple(ColumnFilter(*one) for one in filters))
+    asked = RunSelection(studies, tuple(ColumnFilter(*one) for one in filters))
     return queries.select_rows(look, asked).tolist()
 
 
@@ -113,7 +121,7 @@ def test_what_is_known_and_what_words_contain(look, table):
     with pytest.raises(StudyError, match="no study 'd'"):
         chosen(look, studies=("a", "d"))
     assert (
-        queries.select_rows(StudiesSnapshot(0, (), pa.table({})), queries.RunSelection(("a",))).size
+        queries.select_rows(StudiesSnapshot(0, (), pa.table({})), RunSelection(("a",))).size
         == 0
     )
 
@@ -151,14 +159,14 @@ def test_columns_are_told_with_the_values_of_those_that_take_few(look):
         few = StudiesSnapshot(1, (), pa.table({"x": np.arange(count)}))
         (one,) = queries.describe_columns(few)
         assert one["values"] == (list(range(60)) if count == 60 else [])
-    assert queries.to_json_value(-np.inf) == "-inf" and queries.to_json_value(np.nan) is None
-    assert queries.to_json_value(-(2**53) - 1) == str(-(2**53) - 1) and queries.to_json_value(
+    assert to_json_value(-np.inf) == "-inf" and to_json_value(np.nan) is None
+    assert to_json_value(-(2**53) - 1) == str(-(2**53) - 1) and to_json_value(
         -(2**53)
     ) == -(2**53)
 
 
 def rows(look, **asked):
-    return queries.list_rows(look, queries.RowQuery(**asked))
+    return queries.list_rows(look, RowQuery(**asked))
 
 
 def test_rows_are_a_part_of_those_in_order(look, table):
@@ -180,13 +188,13 @@ def test_rows_are_a_part_of_those_in_order(look, table):
     assert none == {"total": 0, "success_count": 0, "rows": []}
     for wrong in ({"count": 0}, {"count": 201}, {"first": -1}):
         with pytest.raises(StudyError):
-            build(queries.RowQuery, wrong, "", StudyError)
-    asked = build(queries.RowQuery, {"count": 200, "first": 0}, "", StudyError)
-    assert (asked.count, asked.first) == (200, 0) and queries.RowQuery().count == 50
+            build(RowQuery, wrong, "", StudyError)
+    asked = build(RowQuery, {"count": 200, "first": 0}, "", StudyError)
+    assert (asked.count, asked.first) == (200, 0) and RowQuery().count == 50
 
 
 def cut(values, **limits):
-    return queries.divide_into_cells(pa.chunked_array([pa.array(values)]), **limits)
+    return divide_into_cells(pa.chunked_array([pa.array(values)]), **limits)
 
 
 def test_few_values_have_a_cell_each_and_many_numbers_a_range(look, table):
@@ -194,7 +202,7 @@ def test_few_values_have_a_cell_each_and_many_numbers_a_range(look, table):
         found = cut(np.r_[np.arange(count)[::-1], 0.5, np.nan][:count + 1].astype(float)[1:])
         assert len(found.labels) == (24 if count == 24 else 12)
     found = cut([3.0, None, 1.0, float("nan"), 3.0])
-    assert (found.labels, found.at.tolist(), found.uncounted_rows) == (
+    assert (found.labels, found.at.tolist(), (found.at < 0).sum()) == (
         [1.0, 3.0],
         [1, -1, 0, -1, 1],
         2,
@@ -206,7 +214,7 @@ def test_few_values_have_a_cell_each_and_many_numbers_a_range(look, table):
     for k, bounds in enumerate(angle.bounds):  # each cell's filters choose its own rows
         own = chosen(look, *(("angle", *one) for one in bounds))
         assert own == where(angle.at == k)
-    assert [b[1][0] for b in angle.bounds] == ["<"] * 11 + ["≤"] and angle.uncounted_rows == 0
+    assert [b[1][0] for b in angle.bounds] == ["<"] * 11 + ["≤"] and (angle.at < 0).sum() == 0
     for high, grows in ((100.0, False), (101.0, True)):
         edges = [low for low, _ in cut(np.linspace(1.0, high, 30)).labels] + [high]
         step = np.diff(np.log(edges) if grows else edges)
@@ -223,11 +231,10 @@ def test_of_many_words_the_commonest_have_cells(table):
         sizes = np.bincount(found.at[found.at >= 0])
         assert sizes.tolist() == [counts[name] for name in found.labels]
         assert min(sizes) >= counts.drop(found.labels).max()
-        assert found.uncounted_rows == COUNT - sizes.sum()
 
 
 def test_groups_are_those_of_pandas(look, table):
-    asked = queries.GroupQuery(("a",), (ColumnFilter("step", "<", 350),), by=("word", "gain"),
+    asked = GroupQuery(("a",), (ColumnFilter("step", "<", 350),), by=("word", "gain"),
                                 values=("angle", "distance"))  # fmt: skip
     told = queries.compute_groups(look, asked)
     mine = table[(table.study == "a") & (table.step < 350)]
@@ -244,28 +251,28 @@ def test_groups_are_those_of_pandas(look, table):
         assert one["failure"] in ([f"{n} × {end}" for end, n in ends.items() if n == ends.max()]
                                   or [""])  # fmt: skip
     assert groups == {}
-    (whole,) = queries.compute_groups(look, queries.GroupQuery())["groups"]
+    (whole,) = queries.compute_groups(look, GroupQuery())["groups"]
     ends = table[table.success != 1].end.fillna("unknown").value_counts()
     assert whole["failure"] == f"{ends.iloc[0]} × {ends.index[0]}"
-    many = queries.compute_groups(look, queries.GroupQuery(by=("name", "word")))
+    many = queries.compute_groups(look, GroupQuery(by=("name", "word")))
     assert (many["count"], len(many["groups"])) == (
         table.dropna(subset=["word"]).groupby(["name", "word"]).ngroups, 200)  # fmt: skip
     assert many["count"] > 200
     # of 390 values: 12 ranges
-    each = queries.compute_groups(look, queries.GroupQuery(by=("step",)))
+    each = queries.compute_groups(look, GroupQuery(by=("step",)))
     assert sum(one["runs"] for one in each["groups"]) == COUNT and each["count"] == 12
     several = queries.compute_groups(
-        look, queries.GroupQuery((), (ColumnFilter("step", "<", 200),), ("step",))
+        look, GroupQuery((), (ColumnFilter("step", "<", 200),), ("step",))
     )
     assert several["count"] == 200
-    nothing = queries.GroupQuery((), (ColumnFilter("step", "<", -1),), ("gain", "word"), ("angle",))
+    nothing = GroupQuery((), (ColumnFilter("step", "<", -1),), ("gain", "word"), ("angle",))
     assert queries.compute_groups(look, nothing) == {"count": 0, "groups": []}
 
 
 def test_a_map_s_cells_are_those_of_pandas(look, table):
     for value in ("success", "distance"):
         told = queries.compute_success_map(
-            look, queries.MapQuery((), (), x="word", y="gain", value=value)
+            look, MapQuery((), (), x="word", y="gain", value=value)
         )
         assert told["x"]["labels"] == sorted(set(table.word) - {None})
         assert told["y"]["labels"] == [0.25, 1.5, 4.0]
@@ -277,9 +284,9 @@ def test_a_map_s_cells_are_those_of_pandas(look, table):
             wanted = own.fillna(0).mean() if value == "success" else \
                 own.replace(np.inf, np.nan).median()  # fmt: skip
             assert told["values"][i][j] == (pytest.approx(wanted) if len(own) else None)
-    assert queries.MapQuery().value == "success"
+    assert MapQuery().value == "success"
     with pytest.raises(StudyError, match="word contains text; choose a column"):
-        queries.compute_success_map(look, queries.MapQuery(x="gain", y="gain", value="word"))
+        queries.compute_success_map(look, MapQuery(x="gain", y="gain", value="word"))
 
 
 def read(text, kind):
@@ -288,7 +295,7 @@ def read(text, kind):
 
 def test_points_are_coloured_in_seven_classes(look, table):
     told = queries.find_points(
-        look, queries.PointQuery((), (), x="distance", y="word", colour_by="step")
+        look, PointQuery((), (), x="distance", y="word", colour_by="step")
     )
     words = sorted(set(table.word) - {None})
     mine = table[np.isfinite(table.distance) & table.word.notna()]
@@ -302,11 +309,11 @@ def test_points_are_coloured_in_seven_classes(look, table):
     assert classes.shape == (7, 2) and classes[0, 0] == mine.step.min()
     for step, shade in zip(mine.step, read(told["colours"], "u1"), strict=True):
         assert classes[shade, 0] <= step <= classes[shade, 1]
-    named = queries.find_points(look, queries.PointQuery(x="angle", y="step", colour_by="name"))
+    named = queries.find_points(look, PointQuery(x="angle", y="step", colour_by="name"))
     common = set(table.name.value_counts().index[:7])
     assert len(named["classes"]) == 7 and len(common - set(named["classes"])) <= 1
     assert [(named["classes"] + ["-"])[k] if name in named["classes"] else k
             for name, k in zip(table.name, read(named["colours"], "u1"), strict=True)] == [
         name if name in named["classes"] else 7 for name in table.name]  # fmt: skip
-    unshaded = queries.find_points(look, queries.PointQuery(x="angle", y="step"))
+    unshaded = queries.find_points(look, PointQuery(x="angle", y="step"))
     assert unshaded["classes"] == [] and not read(unshaded["colours"], "u1").any()

@@ -9,7 +9,6 @@ import re
 import signal
 import threading
 from dataclasses import replace
-from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -20,23 +19,26 @@ from aras_visual_servo_bench.cli import main
 from aras_visual_servo_bench.errors import BenchError
 from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.metrics import metrics, summary
-from aras_visual_servo_bench.plots import camera_figures as views
-from aras_visual_servo_bench.plots import panels, style
+from aras_visual_servo_bench.metrics.condition_number import condition_number
+from aras_visual_servo_bench.plots import style
+from aras_visual_servo_bench.plots.panel import Curve
 from aras_visual_servo_bench.plots.time_plots import make_curve_styles
+from aras_visual_servo_bench.recording.camera_record import CameraRecord
 from aras_visual_servo_bench.recording.image_tracks import (
     compute_tracks,
     find_milestones,
     find_nearest,
 )
-from aras_visual_servo_bench.recording.run import CameraRecord, compute_settling_time
+from aras_visual_servo_bench.recording.run import compute_settling_time
 from aras_visual_servo_bench.recording.run_recorder import describe_settings
 from aras_visual_servo_bench.studies.replay import run_with_all_images, run_with_images
 from aras_visual_servo_bench.web import SHARED
 from aras_visual_servo_bench.web.report import page as page_text
-from aras_visual_servo_bench.web.report.write import CHAPTER_NAMES, CHAPTERS, write_report
+from aras_visual_servo_bench.web.report.write import CHAPTERS, write_report
 
 SECONDS = 3.0
 FIGURES = {part.name: part.draw_figure for row in CHAPTERS for part in row}
+CHAPTER_NAMES = tuple(FIGURES)
 DRAWN = [name for name in CHAPTER_NAMES if name != "image_strip"]
 
 
@@ -99,8 +101,8 @@ def test_settling_time_wants_the_error_to_stay_small():
 
 def test_condition_is_the_largest_over_the_smallest_singular_value_of_each_image():
     singular = np.array([[4.0, 2.0, np.nan], [9.0, 3.0, 1.0], [np.nan] * 3, [1.0, 0.0, np.nan]])
-    np.testing.assert_array_equal(metrics.condition_number(singular), [2.0, 9.0, np.nan, np.inf])
-    assert np.isnan(metrics.condition_number(np.zeros((3, 0)))).all()
+    np.testing.assert_array_equal(condition_number(singular), [2.0, 9.0, np.nan, np.inf])
+    assert np.isnan(condition_number(np.zeros((3, 0)))).all()
 
 
 def test_words_tell_a_failure_with_reason_and_remedy(moments):
@@ -199,34 +201,19 @@ def test_pictures_are_chosen_by_what_is_left_of_the_error(moments):
                                   [0, 1, 1, 2])  # fmt: skip
 
 
-def test_the_straight_way_begins_and_ends_where_it_must():
-    from aras_visual_servo_base.poses import matrix_from_xyz_rpy
-
-    a, b = (
-        matrix_from_xyz_rpy((0.1, 0.2, 0.5), (3.0, 0.1, 0.3)),
-        matrix_from_xyz_rpy((0.0, 0.0, 0.3), (3.1, 0.0, -0.4)),
-    )
-    way = views.interpolate_poses(a, b, 21)
-    np.testing.assert_allclose(way[0], a, atol=1e-12)
-    np.testing.assert_allclose(way[-1], b, atol=1e-9)
-    np.testing.assert_allclose(way[10, :3, 3], 0.5 * (a[:3, 3] + b[:3, 3]))
-    half = [way[i, :3, :3].T @ way[i + 10, :3, :3] for i in (0, 10)]
-    np.testing.assert_allclose(*half, atol=1e-9)  # one axis, evenly
-
-
 # -- figures ---------------------------------------------------------------------------------
 
 
 def test_a_curve_is_open_where_nothing_was_measured():
     time, values = np.r_[0.0:1.0:0.1, 4.0:4.5:0.1], np.arange(15.0)
-    at, shown = panels.Curve("", time, values).insert_gaps()
+    at, shown = Curve("", time, values).insert_gaps()
     assert np.isnan(shown[10]) and 0.9 < at[10] < 4.0 and (np.diff(at) > 0).all()
     np.testing.assert_array_equal(shown[np.isfinite(shown)], values)
     for whole in (np.arange(5.0), np.r_[0.0:1.0:0.1, 1.2], np.zeros(1)):  # slow, one lost, one
-        np.testing.assert_array_equal(panels.Curve("", whole, whole).insert_gaps(), (whole, whole))
+        np.testing.assert_array_equal(Curve("", whole, whole).insert_gaps(), (whole, whole))
     for gap, opened in ((0.98, False), (1.02, True)):  # five steps of 0.2 s
         time = np.cumsum([0.0, 0.2, 0.2, gap, 0.2, 0.2])
-        assert np.isnan(panels.Curve("", time, time).insert_gaps()[1]).any() == opened
+        assert np.isnan(Curve("", time, time).insert_gaps()[1]).any() == opened
 
 
 @pytest.mark.parametrize("paper", [False, True])
@@ -332,8 +319,8 @@ def test_copies_of_the_process_draw_where_that_is_safe_and_saves_time(
     monkeypatch.setattr(threading, "active_count", lambda: threads)
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(cores)))
 
-    def save(figure, stream, format, metadata):
-        stream.write(str(os.getpid()).encode())
+    def save(figure, path, format, metadata):
+        path.write_text(str(os.getpid()))
 
     monkeypatch.setattr(Figure, "savefig", save)
     written = write_report([points], tmp_path, kinds)
@@ -354,7 +341,7 @@ def test_a_process_that_cannot_draw_says_so_and_nothing_hangs(
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
     parent = os.getpid()
 
-    def save(figure, stream, **how):
+    def save(figure, path, **how):
         assert os.getpid() != parent
         if fault == "full":
             raise OSError(errno.ENOSPC, "No space left on device")
@@ -501,10 +488,10 @@ def test_figures_for_a_paper_are_vectors_a_column_wide(points, tmp_path):
 
 
 def test_a_full_disk_is_one_clear_line(points, tmp_path, monkeypatch):
-    def full(*_):
+    def full(*_, **how):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(Path, "write_bytes", full)
+    monkeypatch.setattr(Figure, "savefig", full)
     with pytest.raises(BenchError, match=r"cannot write the report into .*: No space left"):
         write_report([points], tmp_path, ("png",))
     with pytest.raises(BenchError, match="unknown format 'jpg': use one of png, svg, pdf"):

@@ -14,11 +14,12 @@ from matplotlib.colors import to_rgb
 
 from aras_visual_servo_bench.plots import camera_figures as views
 from aras_visual_servo_bench.plots import palette, panels, style
-from aras_visual_servo_bench.plots.panels import Curve, Panel
+from aras_visual_servo_bench.plots.panel import Curve, Panel
 from aras_visual_servo_bench.plots.time_plots import Layout, draw_panels, find_symbol
 from aras_visual_servo_bench.recording.film import with_images
 from aras_visual_servo_bench.recording.image_tracks import compute_tracks, find_milestones
-from aras_visual_servo_bench.recording.run import Run, Verdict
+from aras_visual_servo_bench.recording.run import Run
+from aras_visual_servo_bench.recording.verdict import Verdict
 from aras_visual_servo_bench.targets.geometry import PolygonTarget
 from aras_visual_servo_bench.web.report.write import CHAPTERS
 from aras_visual_servo_camera.moments import Moments

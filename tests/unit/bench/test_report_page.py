@@ -16,8 +16,9 @@ from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.metrics.metrics import settled
 from aras_visual_servo_bench.metrics.statistics import proportion
 from aras_visual_servo_bench.plots import panels
+from aras_visual_servo_bench.plots.panel import MAX_CURVES, Curve, make_panel
 from aras_visual_servo_bench.recording.image_tracks import compute_tracks
-from aras_visual_servo_bench.recording.run import Verdict
+from aras_visual_servo_bench.recording.verdict import Verdict
 from aras_visual_servo_bench.studies.replay import run_with_images
 from aras_visual_servo_bench.web import uplot
 from aras_visual_servo_bench.web.report.page import to_script_json
@@ -155,15 +156,15 @@ def test_no_name_is_markup(moments, tmp_path):
 def test_of_ten_thousand_curves_a_panel_shows_those_that_change_most(moments):
     time = np.arange(5.0)
     curves = [
-        panels.Curve(f"pixel {i}", time, (1e-3 * i) * time, colour_index=i) for i in range(10_000)
+        Curve(f"pixel {i}", time, (1e-3 * i) * time, colour_index=i) for i in range(10_000)
     ]
-    (found,) = panels.make_panel("error", "error", "", curves)
-    assert len(found.curves) == panels.MAX_CURVES and found.omitted_curves == 10_000 - len(
+    (found,) = make_panel("error", "error", "", curves)
+    assert len(found.curves) == MAX_CURVES and found.omitted_curves == 10_000 - len(
         found.curves
     )
     assert [c.name for c in found.curves] == [f"pixel {i}" for i in range(9976, 10_000)]
     empty = replace(curves[0], values=np.full(5, np.nan))
-    assert panels.make_panel("nothing", "nothing", "", [empty]) == []
+    assert make_panel("nothing", "nothing", "", [empty]) == []
 
 
 def test_of_thousands_of_numbers_a_table_shows_some_and_says_how_many_more(moments, tmp_path):

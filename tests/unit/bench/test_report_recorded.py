@@ -14,8 +14,9 @@ from scipy.spatial.transform import Rotation
 from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.plots.palette import LIVE_CURVES, SCENE, to_rgb
 from aras_visual_servo_bench.recording import film as films
+from aras_visual_servo_bench.recording.camera_record import CameraRecord
 from aras_visual_servo_bench.recording.film import make_image, with_images
-from aras_visual_servo_bench.recording.run import CameraRecord, pad_rows
+from aras_visual_servo_bench.recording.run import pad_rows
 from aras_visual_servo_bench.recording.run_recorder import RunRecorder
 from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.visualization.drawing_shapes import (

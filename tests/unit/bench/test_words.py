@@ -11,7 +11,7 @@ import yaml
 from aras_visual_servo_bench import load_run, run_study
 from aras_visual_servo_bench.cli import analyze, main
 from aras_visual_servo_bench.errors import BenchError
-from aras_visual_servo_bench.studies import compare, tables
+from aras_visual_servo_bench.studies import tables
 from aras_visual_servo_bench.studies.results import Results
 from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_bench.studies.study_folder import StudyFolder
@@ -79,9 +79,9 @@ def test_figures_have_the_selected_place_and_formats(folders, tmp_path, capsys):
 def test_differences_are_of_the_second_folder_from_the_first(
     more, by, names, everything, folders, capsys
 ):
-    found = compare.find_differences(*map(Results.read, folders), by, names)
+    first, second = map(Results.read, folders)
     assert main(["diff", *folders, *more]) == 0
-    told = compare.describe_differences(found, everything)
+    told = first.compare(second, by, names).describe(everything)
     assert capsys.readouterr().out.startswith(told)
 
 

@@ -38,7 +38,7 @@ def hanging(tiny, tmp_path_factory):
     """A study of three runs, the second of which never ends; `PYTHONPATH` leads to its metric."""
     folder = tmp_path_factory.mktemp("hanging")
     (folder / "my_hanging.py").write_text(
-        "import time\nfrom aras_visual_servo_bench.metrics.metrics import metric\n"
+        "import time\nfrom aras_visual_servo_bench.metrics.metric import metric\n"
         "@metric('', 'smaller', 'me')\ndef hanging(run):\n    'Never ends at a gain of 2.'\n"
         "    time.sleep(1e6 if run.experiment.gain == 2.0 else 0.0)\n    return 0.0\n"
     )

@@ -23,7 +23,7 @@ import cv2
 import pytest
 
 from aras_visual_servo_bench.errors import StudyError
-from aras_visual_servo_bench.metrics.metrics import metric
+from aras_visual_servo_bench.metrics.metric import metric
 from aras_visual_servo_bench.progress_bar import ProgressBar
 from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.studies import chunk_execution as work
@@ -365,7 +365,7 @@ def test_changed_code_of_a_user_does_not_go_on_with_a_study(tiny, tmp_path, monk
     """Neither here nor at a worker: its runs would not go together."""
     monkeypatch.syspath_prepend(tmp_path)
     mine = tmp_path / "my_own_metrics.py"
-    mine.write_text("from aras_visual_servo_bench.metrics.metrics import metric\n"
+    mine.write_text("from aras_visual_servo_bench.metrics.metric import metric\n"
                     "@metric('', 'smaller', 'me')\ndef one(finished):\n    return 1.0\n")
     made = StudyFolder.create(tmp_path / "out", tiny(metrics=["my_own_metrics:one"]), "")
     made.check_code()

@@ -11,7 +11,10 @@ from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.metrics import decay as decays
 from aras_visual_servo_bench.metrics import metrics, summary
-from aras_visual_servo_bench.recording.run import CameraRecord, Run, Verdict
+from aras_visual_servo_bench.metrics.metric import metric as make_metric
+from aras_visual_servo_bench.recording.camera_record import CameraRecord
+from aras_visual_servo_bench.recording.run import Run
+from aras_visual_servo_bench.recording.verdict import Verdict
 from aras_visual_servo_bench.studies.results import REAL_TIME_MULTIPLE
 from aras_visual_servo_bench.targets.geometry import PlacedTarget, PolygonTarget, TargetMotion
 from aras_visual_servo_bench.targets.target_spec import TargetSpec
@@ -273,7 +276,7 @@ def test_metrics_say_what_they_are():
         assert isinstance(metric.source, str) and callable(metric.measure)
         assert metric.better in ("smaller", "greater", "") and metric.source
     with pytest.raises(StudyError, match="better is 'less'"):
-        metrics.metric("m", "less", "here")
+        make_metric("m", "less", "here")
 
 
 def test_metrics_of_the_errors_declare_that_they_depend_on_the_features():

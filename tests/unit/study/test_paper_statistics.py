@@ -26,6 +26,7 @@ from aras_visual_servo_bench.studies import captions, compare, tables
 from aras_visual_servo_bench.studies import run_rows as rows
 from aras_visual_servo_bench.studies.study_folder import StudyFolder
 from aras_visual_servo_bench.web.browse import result_queries as queries
+from aras_visual_servo_bench.web.browse.queries import GroupQuery, MapQuery
 from aras_visual_servo_bench.web.browse.studies import Studies
 
 SCHEMES = ("points", "moments", "polar")
@@ -108,9 +109,9 @@ def test_seven_misses_of_sixty_are_a_rate_everywhere(tmp_path, capsys):
     text = run_command(["table", path, "--metrics", "reached"], capsys)[1]
     assert f"| {53 / 60:.3f} [{low:.3f}, {high:.3f}] |" in text
     look = Studies([path]).read_snapshot(is_forced=True)
-    (group,) = queries.compute_groups(look, queries.GroupQuery(values=("reached",)))["groups"]
+    (group,) = queries.compute_groups(look, GroupQuery(values=("reached",)))["groups"]
     assert group["estimates"] == [pytest.approx([53 / 60, low, high])]
-    told = queries.compute_success_map(look, queries.MapQuery(x="gain", y="gain", value="reached"))
+    told = queries.compute_success_map(look, MapQuery(x="gain", y="gain", value="reached"))
     assert told["values"] == [[pytest.approx(53 / 60)]]
     described = {one["name"]: one["is_binary"] for one in queries.describe_columns(look)}
     assert described["reached"] and described["success"] and not described["gain"]
@@ -128,11 +129,11 @@ def test_a_study_without_a_binary_metric_is_not_counted_in_its_rate(tmp_path):
 
         paths.append(write_study(tmp_path / name, study, make))
     look = Studies(paths).read_snapshot(is_forced=True)
-    query = queries.GroupQuery(by=("study",), values=("reached",))
+    query = GroupQuery(by=("study",), values=("reached",))
     told = {one["values"][0]: one["estimates"][0] for one in
             queries.compute_groups(look, query)["groups"]}  # fmt: skip
     assert told["with"][0] == 0.75 and told["without"] == [None, None, None]
-    query = queries.MapQuery(x="gain", y="gain", value="reached")
+    query = MapQuery(x="gain", y="gain", value="reached")
     assert queries.compute_success_map(look, query)["values"] == [[0.75]]
 
 

@@ -16,7 +16,7 @@ from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.experiment.experiment_keys import find_unit
 from aras_visual_servo_bench.metrics import formatting, statistics
-from aras_visual_servo_bench.metrics.metrics import metric
+from aras_visual_servo_bench.metrics.metric import metric
 from aras_visual_servo_bench.recording.film import with_images
 from aras_visual_servo_bench.runner import loop
 from aras_visual_servo_bench.studies import columns, compare, replay, tables
@@ -151,36 +151,38 @@ def test_differences_that_are_more_than_chance_are_told_with_their_direction():
     one = made([1] * 40, times)
     faster = [*(times[:20] * 0.9), *(times[20:] * 1.1)]
     two = made([1] * 40, faster, "two")
-    found = {(d.group, d.metric): d for d in compare.find_differences(one, two)}
+    found = {(d.group, d.metric): d for d in one.compare(two).differences}
     assert found["gain=1.0", "settled"].verdict == compare.BETTER
     assert found["gain=2.0", "settled"].verdict == compare.WORSE
     assert found["gain=1.0", "success"].verdict == compare.CHANCE
     assert found["gain=1.0", "settled"].comparison.paired
-    found = list(found.values())
+    whole = one.compare(two)
+    found = list(whole.differences)
     sure = sorted((d for d in found if d.verdict != compare.CHANCE), key=lambda d: d.p)
     for shown in (sure, found):
-        text = compare.describe_differences(found, shown is found)
+        text = whole.describe(shown is found)
         lines, last = text.splitlines()[:-1], text.splitlines()[-1]
         assert [line.split()[:2] for line in lines] == [[d.verdict, d.metric] for d in shown]
         assert last.startswith("2 of 4 differences")
     prompt, late = made([1] * 40, times, delay=0.0), made([1] * 40, faster, "two", delay=0.1)
     assert all(d.comparison.paired and d.comparison.count == 20
-               for d in compare.find_differences(prompt, late, by=["gain"]))
+               for d in prompt.compare(late, by=["gain"]).differences)
     other_seeds = made([1] * 40, faster, "two", seeds=range(100, 140))
-    found = compare.find_differences(one, other_seeds)
+    found = one.compare(other_seeds).differences
     assert not any(d.comparison.paired for d in found)
     for shift, paired in ((1, True), (2, False)):  # nine of ten must have a partner
         found = [made([1] * 10, range(10), name, range(first, first + 10), gains=[1.0])
                  for name, first in (("one", 0), ("two", shift))]  # fmt: skip
-        assert {
-            (d.comparison.paired, d.comparison.count) for d in compare.find_differences(*found)
-        } == {(paired, 10 - paired)}
+        differences = found[0].compare(found[1]).differences
+        assert {(d.comparison.paired, d.comparison.count) for d in differences} == {
+            (paired, 10 - paired)
+        }
     found = [made([1, 1], [1, 2], name, seeds=[seed] * 2)
              for name, seed in (("one", 7), ("two", 7), ("three", 8))]
     for other, paired in zip(found[1:], (True, False), strict=True):
-        assert all(d.comparison.paired is paired for d in compare.find_differences(found[0], other))
+        assert all(d.comparison.paired is paired for d in found[0].compare(other).differences)
     with pytest.raises(StudyError, match="no settings .* in common"):
-        compare.find_differences(one, made([1, 1], [1, 1], gains=(7.0, 8.0)))
+        one.compare(made([1, 1], [1, 1], gains=(7.0, 8.0)))
 
 
 def in_process(study, path):

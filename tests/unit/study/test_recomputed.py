@@ -24,12 +24,18 @@ from scipy import stats
 from aras_visual_servo_bench.cli import main
 from aras_visual_servo_bench.metrics import statistics
 from aras_visual_servo_bench.plots import palette, study_figures
-from aras_visual_servo_bench.studies import compare
 from aras_visual_servo_bench.studies import run_rows as rows
 from aras_visual_servo_bench.studies.results import Results
 from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_bench.studies.study_folder import StudyFolder
 from aras_visual_servo_bench.web.browse import result_queries as queries
+from aras_visual_servo_bench.web.browse.queries import (
+    ColumnFilter,
+    GroupQuery,
+    MapQuery,
+    PointQuery,
+    RowQuery,
+)
 from aras_visual_servo_bench.web.browse.server import serve
 from aras_visual_servo_bench.web.browse.studies import Studies
 
@@ -370,7 +376,7 @@ def test_differences_of_every_kind_are_among_them(asked):
 def test_settings_that_vary_within_a_group_are_of_the_pair(path, one):
     """Runs of one seed and other delays were taken for one run, and all but the last left out."""
     both = Results.read(path / "one"), Results.read(path / "two")
-    found = compare.find_differences(*both, ["gain"], ["final_angle"])
+    found = both[0].compare(both[1], ["gain"], ["final_angle"]).differences
     assert max(d.comparison.count for d in found) > one.seed.nunique()
 
 
@@ -416,9 +422,9 @@ def test_distributions_and_boxes_show_the_rows_numbers(path, one):
 
 def test_the_browser_s_groups_cells_and_points_are_recomputed(path, one):
     look = Studies([path]).read_snapshot(is_forced=True)
-    mine = {"studies": ("one",), "filters": (queries.ColumnFilter("delay", "<", 0.1),)}
+    mine = {"studies": ("one",), "filters": (ColumnFilter("delay", "<", 0.1),)}
     chosen, asked = one[one.delay < 0.1], ("settled", "final_angle")
-    groups = queries.compute_groups(look, queries.GroupQuery(**mine, by=("gain",), values=asked))
+    groups = queries.compute_groups(look, GroupQuery(**mine, by=("gain",), values=asked))
     assert groups["count"] == 3
     for told, (gain, group) in zip(groups["groups"], chosen.groupby("gain"), strict=True):
         assert told["values"] == [gain] and told["runs"] == len(group)
@@ -432,7 +438,7 @@ def test_the_browser_s_groups_cells_and_points_are_recomputed(path, one):
 
     for value in ("success", "settled"):
         found = queries.compute_success_map(
-            look, queries.MapQuery(("one",), x="delay", y="gain", value=value))
+            look, MapQuery(("one",), x="delay", y="gain", value=value))
         places = (enumerate(found[axis]["labels"]) for axis in "yx")
         for (i, gain), (j, delay) in itertools.product(*places):
             cell = one[(one.gain == gain) & (one.delay == delay)]
@@ -442,13 +448,13 @@ def test_the_browser_s_groups_cells_and_points_are_recomputed(path, one):
                 None if math.isnan(wanted) else pytest.approx(wanted))  # fmt: skip
         assert found["uncounted"] == 0
 
-    found = queries.find_points(look, queries.PointQuery(("one",), x="settled", y="final_angle"))
+    found = queries.find_points(look, PointQuery(("one",), x="settled", y="final_angle"))
     known = one.dropna(subset=["settled", "final_angle"])
     for axis, name in (("x", "settled"), ("y", "final_angle")):
         values = np.frombuffer(base64.b64decode(found[axis]["values"]), "<f4")
         np.testing.assert_allclose(values, known[name], rtol=1e-6)
     assert (found["count"], found["uncounted"]) == (len(known), len(one) - len(known))
-    told = queries.list_rows(look, queries.RowQuery(("one",), sort="settled", count=200))
+    told = queries.list_rows(look, RowQuery(("one",), sort="settled", count=200))
     assert (told["total"], told["success_count"]) == (len(one), one.hit.sum())
     at = look.table.column_names.index("run")
     order = one.sort_values("settled", kind="stable", na_position="last").run

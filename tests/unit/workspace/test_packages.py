@@ -84,8 +84,8 @@ def test_what_is_no_python_is_installed_with_its_package():
                 assert any(path.match(f"{module}/{p}") for p in patterns.get(name, ())), path
                 setup = (package / "setup.py").read_text()
                 assert all(f'"{p}"' in setup for p in (name, *patterns[name])), path
-    web = "aras_visual_servo_bench.web"
-    assert found == {web, *(f"{web}.{page}" for page in ("browse", "live", "report"))}
+    web, studies = "aras_visual_servo_bench.web", "aras_visual_servo_bench.studies"
+    assert found == {studies, web, *(f"{web}.{page}" for page in ("browse", "live", "report"))}
 
 
 def test_no_package_needs_itself_by_way_of_others():

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from .errors import BenchError as BenchError
     from .experiment.experiment import Experiment as Experiment
     from .metrics.decay import predict_decay_rate as predict_decay_rate
-    from .metrics.metrics import metric as metric
+    from .metrics.metric import metric as metric
     from .recording.run import Run as Run
     from .run_loading import load_run as load_run
     from .runner.environment import ServoEnv as ServoEnv
@@ -35,7 +35,7 @@ _FIRST = {
     "Study": ".studies.study",
     "run_study": ".studies.run_study",
     "Results": ".studies.results",
-    "metric": ".metrics.metrics",
+    "metric": ".metrics.metric",
 }
 _FURTHER = {
     "run_with_images": ".studies.replay",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,28 +21,27 @@ def analyze(options: argparse.Namespace) -> int:
     """Read runs, write their report, and print the path of the report's page."""
     from ..plots.style import FILE_FORMATS
 
-    kinds = [kind.strip() for kind in options.formats.split(",") if kind.strip()]
     # A wrong file format is reported before the runs are read, because reading can take a minute.
-    check_formats(kinds, FILE_FORMATS)
-    names = [name.strip() for name in options.names.split(",") if name.strip()]
+    check_formats(options.formats, FILE_FORMATS)
+    names = options.names
     if names and len(names) != len(options.runs):
         raise BenchError(f"--names has {len(names)} names for {len(options.runs)} runs: give as "
                          "many names as runs")
     # A run of a study is read by simulating it again, which needs Numba.
     compilation.prepare_simulation()
-    bar = ProgressBar(sys.stderr)
-    try:
-        runs = []
+    runs: list[Run] = []
+    with contextlib.closing(ProgressBar(sys.stderr)) as bar:
         for i, path in enumerate(options.runs):
             low, each = 0.5 * i / len(options.runs), 0.5 / len(options.runs)
             run = load_run(path, lambda part, low=low, each=each, path=path: bar.show(
                 low + each * part, f"reading {path}"))  # fmt: skip
             run.name = make_printable(names[i] if names else run.name)
             runs.append(run)
-        _number_equal_names(runs)
-    finally:
-        bar.close()
-    write_reports(runs, options.out, kinds, options.paper)
+    given_names = [run.name for run in runs]
+    for i, run in enumerate(runs):
+        if given_names.count(run.name) > 1:
+            run.name = f"{run.name} ({i + 1})"
+    write_reports(runs, options.out, options.formats, options.paper)
     return 0
 
 
@@ -54,27 +54,16 @@ def write_reports(
         # this import includes matplotlib, which takes 0.5 s
         from ..web.report.write import write_report
 
-        bar = ProgressBar(sys.stderr)
-        try:
+        with contextlib.closing(ProgressBar(sys.stderr)) as bar:
             written = write_report(
                 runs, out, kinds, paper, lambda part, what: bar.show(0.5 + 0.5 * part, what)
             )
-        finally:
-            bar.close()
     for run in runs:
         print(f"\n{run.name}:\n{summary.describe_run(run, summary.summarise(run))}")
         for note in run.notes:
             print(f"  Note: {note}")
     if written:
         print(f"\nwrote {len(written)} files; the page is {make_printable(written[0])}")
-
-
-def _number_equal_names(runs: list[Run]) -> None:
-    """Append a number to the names of runs that have the same name."""
-    names = [run.name for run in runs]
-    for i, run in enumerate(runs):
-        if names.count(run.name) > 1:
-            run.name = f"{run.name} ({i + 1})"
 
 
 def convert(options: argparse.Namespace) -> int:
@@ -88,12 +77,9 @@ def convert(options: argparse.Namespace) -> int:
             f"convert needs the Python packages of ROS and mcap, see ./setup.sh: {error}"
         ) from None
     out = options.out or options.bag.with_name(options.bag.name.split(".")[0] + ".mcap")
-    bar = ProgressBar(sys.stderr)
-    try:
+    with contextlib.closing(ProgressBar(sys.stderr)) as bar:
         counts = mcap.convert(
             options.bag, out, lambda part: bar.show(part, f"converting {options.bag}")
         )
-    finally:
-        bar.close()
     print(f"{out}: {sum(counts.values())} messages of {len(counts)} topics")
     return 0

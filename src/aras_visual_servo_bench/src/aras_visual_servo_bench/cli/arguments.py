@@ -56,6 +56,11 @@ def make_parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _split_words(text: str) -> list[str]:
+    """Split a comma-separated list."""
+    return [word.strip() for word in text.split(",") if word.strip()]
+
+
 def _set_function(parser: argparse.ArgumentParser, module: str, function: str) -> None:
     """Set the function that runs a command; its module is imported when the command is run.
 
@@ -160,7 +165,7 @@ def _add_results(commands: Commands) -> None:
     _set_function(table, "results", "print_table")
     plot = commands.add_parser("plot", help="draw figures of the results")
     plot.add_argument("folders", nargs="+", type=Path, metavar="DIR", help="study folder")
-    plot.add_argument("--format", default="", metavar="png,svg,pdf",
+    plot.add_argument("--format", type=_split_words, default="", metavar="png,svg,pdf",
                       help="file formats (default: png; with --paper: pdf)")
     plot.add_argument("--paper", action="store_true",
                       help="draw figures in the width of a paper's column, with captions in LaTeX")
@@ -177,10 +182,10 @@ def _add_results(commands: Commands) -> None:
     diff.add_argument("--all", action="store_true", help="also list insignificant differences")
     _set_function(diff, "results", "print_differences")
     for one in (table, diff):
-        one.add_argument("--by", default="", metavar="KEYS",
+        one.add_argument("--by", type=_split_words, default="", metavar="KEYS",
                          help="comma-separated keys to group by")
     for one in (table, plot, diff):
-        one.add_argument("--metrics", default="", metavar="NAMES",
+        one.add_argument("--metrics", type=_split_words, default="", metavar="NAMES",
                          help="comma-separated metrics")
 
 
@@ -237,11 +242,11 @@ def _add_analyze(commands: Commands) -> None:
     )  # fmt: skip
     analyze.add_argument("--out", type=Path, required=True, metavar="DIR",
                          help="folder of the report")
-    analyze.add_argument("--formats", default="png,svg,pdf", metavar="png,svg,pdf",
-                         help="formats of the figures (default %(default)s)")
+    analyze.add_argument("--formats", type=_split_words, default="png,svg,pdf",
+                         metavar="png,svg,pdf", help="formats of the figures (default %(default)s)")
     analyze.add_argument("--paper", action="store_true",
                          help="draw figures for a paper's column: vector formats, 8 pt serif font")
-    analyze.add_argument("--names", default="", metavar="NAMES",
+    analyze.add_argument("--names", type=_split_words, default="", metavar="NAMES",
                          help="comma-separated names of the runs in legends")
     _set_function(analyze, "analyze", "analyze")
     convert = commands.add_parser("convert", help="convert a bag to an MCAP file for Foxglove")

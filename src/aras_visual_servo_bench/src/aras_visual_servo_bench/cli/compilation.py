@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 import time
@@ -46,13 +47,10 @@ def _compile_missing() -> None:
     start = time.monotonic()
     print("compiling before the first simulation, which takes one or two "
           "minutes", file=sys.stderr, flush=True)
-    bar = ProgressBar(sys.stderr)
-    try:
+    with contextlib.closing(ProgressBar(sys.stderr)) as bar:
         faults, uncached = compile_packages.compile_packages(
             missing, os.cpu_count() or 1, report=lambda fraction: bar.show(fraction, "compiling")
         )
-    finally:
-        bar.close()
     for fault in faults:
         print(f"{find_program_name()}: {fault}", file=sys.stderr)
     if uncached:

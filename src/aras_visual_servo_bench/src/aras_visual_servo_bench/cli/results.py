@@ -7,7 +7,7 @@ import argparse
 from aras_visual_servo_base.lazy_imports import import_without
 
 from ..errors import StudyError, catch_write_errors, check_formats
-from ..studies import captions, compare, tables
+from ..studies import captions, tables
 from ..studies.results import Results
 
 # pyarrow imports pandas, if it is installed, only to recognise pandas objects. The import takes 0.7
@@ -15,18 +15,12 @@ from ..studies.results import Results
 import_without("pandas", "pyarrow.dataset")
 
 
-def _split_words(text: str) -> list[str]:
-    return [word.strip() for word in text.split(",") if word.strip()]
-
-
 def print_table(options: argparse.Namespace) -> int:
     """Print a table of results, or write it into a file."""
     check_formats([options.format], tables.FORMATS)
     found = [Results.read(folder) for folder in options.folders]
-    text = tables.format_table(
-        tables.make_table(found, _split_words(options.by), _split_words(options.metrics)),
-        options.format,
-    )
+    table = tables.make_table(found, options.by, options.metrics)
+    text = tables.format_table(table, options.format)
     if options.out is None:
         print(text, end="")
         return 0
@@ -42,9 +36,9 @@ def draw_plots(options: argparse.Namespace) -> int:
 
     found = [Results.read(folder) for folder in options.folders]
     out = options.out or options.folders[0] / "plots"
-    kinds = _split_words(options.format) or ["pdf" if options.paper else "png"]
+    kinds = options.format or ["pdf" if options.paper else "png"]
     written = study_figures.write_figures(
-        found, out, kinds, _split_words(options.metrics), options.folders, options.paper
+        found, out, kinds, options.metrics, options.folders, options.paper
     )
     for path in written:
         print(path)
@@ -61,10 +55,8 @@ def print_differences(options: argparse.Namespace) -> int:
             "folder and --between KEY"
         )
     first, second = ([Results.read(folder) for folder in options.folders] + [None])[:2]
-    found = compare.find_differences(
-        first, second, _split_words(options.by), _split_words(options.metrics), options.between
-    )
-    print(compare.describe_differences(found, options.all))
+    found = first.compare(second, options.by, options.metrics, options.between)
+    print(found.describe(options.all))
     for line in captions.describe_repeats([first] if second is None else [first, second]):
         print(f"Note: {line}")
     return 0

@@ -61,7 +61,8 @@ def run_study(options: argparse.Namespace, changes: dict[str, Any]) -> int:
             print(room)
         # a dry run simulates run 0 twice to estimate the time of the study
         compilation.prepare_simulation()
-        for line in study_execution.dry_run(study, _read_workers(options)):
+        workers = 1 if options.in_process else options.workers or os.cpu_count() or 1
+        for line in study_execution.dry_run(study, workers):
             print(line)
         return 0
     if options.out is None:
@@ -139,10 +140,6 @@ def _describe_progress(folder: StudyFolder) -> str:
         f"{folder.count_stored_runs()} of {folder.study.run_count} runs are stored; continue with "
         f"{find_command()} resume {folder.path}"
     )
-
-
-def _read_workers(options: argparse.Namespace) -> int:
-    return 1 if options.in_process else options.workers or os.cpu_count() or 1
 
 
 def make_pool(options: argparse.Namespace) -> Pool:

@@ -36,23 +36,16 @@ def show(options: argparse.Namespace) -> int:
     except StudyError as error:
         if error.__cause__ is None or isinstance(error.__cause__, BenchError):
             raise
-        raise StudyError(
-            f"{error}; traceback: {_write_traceback(error.__cause__, out)}"
-        ) from None
+        with catch_write_errors(f"into {out}"):
+            out.mkdir(parents=True, exist_ok=True)
+            text = "".join(traceback.format_exception(error.__cause__))
+            (out / "traceback.txt").write_text(text, encoding="utf-8")
+        raise StudyError(f"{error}; traceback: {out / 'traceback.txt'}") from None
     for path in write_with_video(run, out):
         print(path)
     for key, (old, new) in changed.items():
         print(f"differs from the recorded run: {key} was {old}, is {new}")
     return 0
-
-
-def _write_traceback(error: BaseException, out: Path) -> Path:
-    """Write the traceback of an exception into a file in the folder `out`, and return its path."""
-    path = out / "traceback.txt"
-    with catch_write_errors(f"into {out}"):
-        out.mkdir(parents=True, exist_ok=True)
-        path.write_text("".join(traceback.format_exception(error)), encoding="utf-8")
-    return path
 
 
 def _show_bag(options: argparse.Namespace) -> int:

@@ -1,4 +1,4 @@
-"""Predicted decay rate of a feature from the gain and the delay of the loop.
+"""Decay rate of the errors of a run, and its prediction from the gain and the delay of the loop.
 
 From an image with the feature s, the law computes the velocity -lambda s. This velocity takes
 effect after a delay tau from the exposure, and lasts for one image period T. If tau = n T + rho
@@ -23,6 +23,10 @@ from ..experiment.experiment import Experiment
 
 IMAGE_PERIOD = 1.0 / 30.0  # time between two images, s
 TICK = 0.01  # time between two joint states, s
+# The norm of the errors is fitted while it is between these fractions of its initial value.
+DECAY_START, DECAY_END = 0.80, 0.15
+# A feature whose initial error is at most this fraction of the largest initial error is ignored.
+MIN_INITIAL_ERROR = 0.02
 ROUNDING = 0.003  # delay that the smoothing of a simulated joint's set points adds, s
 
 
@@ -52,3 +56,26 @@ def predict_decay_rate(gain: float, tau: float, period: float = IMAGE_PERIOD) ->
     polynomial[-1] += gain * rho
     slowest = max(np.roots(polynomial), key=abs)
     return float(-np.log(abs(slowest)) / period)
+
+
+def fit_decay_rate(stamp: np.ndarray, error: np.ndarray) -> float:
+    """Fit the decay rate (1/s) of the norm of the errors; return NaN if there are too few values.
+
+    Each error is divided by its initial value.
+
+    Args:
+        stamp: (n,) stamps of the images, s.
+        error: (n, k) errors in these images.
+    """
+    if not len(stamp):
+        return np.nan
+    first = np.abs(error[0])
+    error = error[:, first > MIN_INITIAL_ERROR * first.max()]
+    if not error.size:
+        return np.nan
+    norm = np.linalg.norm(error / np.abs(error[0]), axis=1)
+    norm = norm / norm[0]
+    start, end = int(np.argmax(norm < DECAY_START)), int(np.argmax(norm < DECAY_END)) or len(norm)
+    if end - start < 4:
+        return np.nan
+    return float(-np.polyfit(stamp[start:end], np.log(norm[start:end]), 1)[0])

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
+
+import numpy as np
 
 NO_NUMBER = "–"  # text for NaN
 DIGITS = 3
@@ -79,7 +81,7 @@ def format_value(value: object) -> str:
     return format_number(value) if isinstance(value, float) else str(value)
 
 
-def choose_unit(unit: str, values: Iterable[float]) -> tuple[str, float]:
+def choose_unit(unit: str, values: Sequence[float] | np.ndarray) -> tuple[str, float]:
     """Choose the unit in which values are shown.
 
     Angles are shown in degrees. A length is shown in m, mm or µm, and a time or speed in units with
@@ -97,12 +99,15 @@ def choose_unit(unit: str, values: Iterable[float]) -> tuple[str, float]:
     """
     if unit in ANGLE_UNITS:
         return ANGLE_UNITS[unit], math.pi / 180.0
-    base, size = SCALABLE_UNITS.get(unit, (unit, 0.0))
-    sizes = [abs(v) * size for v in values if math.isfinite(v) and v]
-    if not size or not sizes:
+    if unit not in SCALABLE_UNITS:
         return unit, 1.0
-    largest = max(sizes)
-    smallest = min(s for s in sizes if s >= largest * 10.0**-NEGLIGIBLE_DECADES)
+    base, size = SCALABLE_UNITS[unit]
+    sizes = np.abs(np.asarray(values, float)) * size
+    sizes = sizes[np.isfinite(sizes) & (sizes > 0.0)]
+    if not sizes.size:
+        return unit, 1.0
+    largest = sizes.max()
+    smallest = sizes[sizes >= largest * 10.0**-NEGLIGIBLE_DECADES].min()
     magnitude = math.sqrt(largest) * math.sqrt(smallest)
     prefix, scale = next(
         (one for one, (_, next_scale) in pairwise(PREFIXES)

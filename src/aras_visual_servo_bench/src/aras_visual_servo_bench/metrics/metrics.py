@@ -1,16 +1,6 @@
-"""All metrics; a metric describes a run by one number, with a unit and a formula.
-
-Studies, protocols, reports and the analysis of bags use these metrics. A metric of your own is a
-function with the decorator `metric`, and its name is 'package.module:function':
-
-    @metric(unit="m", better="smaller", source="this paper, equation 3")
-    def closest(run: Run) -> float: ...
-"""
+"""All metrics; studies, protocols, reports and the analysis of bags use them."""
 
 from __future__ import annotations
-
-from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,111 +10,18 @@ from aras_visual_servo_base.poses import inverse, pose_difference
 from ..errors import OutOfViewError, StudyError
 from ..recording.run import Run, compute_settling_time, normalize_errors
 from . import decay
+from .condition_number import condition_number
+from .metric import GREATER, NEITHER, SMALLER, Metric, metric
 
-SMALLER, GREATER, NEITHER = "smaller", "greater", ""
 # A joint is at a limit if its distance from the limit is at most this fraction of its range.
 LIMIT_MARGIN = 1e-3
 # Metric `overshoot` ignores a feature whose initial error is at most this fraction of the largest
 # initial error.
 SETTLING_BAND = 0.02
-# Metric `decay_rate`: the norm of the errors is fitted while it is between these fractions of its
-# initial value.
-DECAY_START, DECAY_END = 0.80, 0.15
 # metric `reduced` is 1 if final distance and angle are at most this fraction of the initial ones
 REDUCTION = 0.1
 # an image is late if the time from exposure to arrival exceeds this number of image periods
 LATE_PERIODS = 1.5
-
-
-@dataclass(frozen=True)
-class Metric:
-    """A function of a run that returns a number, or NaN if the run has no such number.
-
-    name: name of the metric, and of its column in the results.
-    unit: unit of the number; '' if it has none.
-    better: 'smaller', 'greater', or '' if neither is better.
-    source: formula, or reference of the formula.
-    measure: function that computes the number from a run.
-    is_feature_based: True if the number depends on the features of the scheme, so that it cannot be
-        compared between schemes.
-    default: True if this metric is computed in studies that do not choose their metrics.
-    is_binary: True if the number is 0 or 1, so that runs are summarised by the rate of 1.
-    has_tolerance: True if the number depends on how near to its goal a camera must be to have
-        reached it.
-    """
-
-    name: str
-    unit: str
-    better: str
-    source: str
-    measure: Callable[[Run], float]
-    is_feature_based: bool = False
-    default: bool = False
-    is_binary: bool = False
-    has_tolerance: bool = False
-
-    @property
-    def text(self) -> str:
-        """One-line description of the metric."""
-        return (self.measure.__doc__ or "").strip().splitlines()[0]
-
-    def complete_values(self, values: np.ndarray) -> np.ndarray:
-        """Return the values (n,) of n runs; in a binary metric, an unknown value may become 0.
-
-        An unknown value (NaN) of a binary metric becomes 0 if 1 is better: a run that did not start
-        or raised an error has not reached its goal. Other unknown values remain NaN.
-
-        Raises:
-            StudyError: the metric is binary, and a value is neither 0, 1 nor NaN.
-        """
-        if not self.is_binary:
-            return values
-        unknown = np.isnan(values)
-        wrong = values[~unknown & (values != 0.0) & (values != 1.0)]
-        if wrong.size:
-            raise StudyError(
-                f"metric {self.name} is declared as binary, but a run has the value {wrong[0]:g}: "
-                "return 0, 1 or NaN, or remove is_binary=True"
-            )
-        return np.where(unknown, 0.0, values) if self.better == GREATER else values
-
-
-def metric(
-    unit: str, better: str, source: str, is_feature_based: bool = False, default: bool = False,
-    is_binary: bool = False, has_tolerance: bool = False,
-) -> Callable[[Callable], Metric]:
-    """Return a decorator that makes a Metric of a function that computes a number from a Run.
-
-    The name of the function is the name of the metric and of its column in results. The first line
-    of its docstring is the description.
-
-    Args:
-        unit: unit of the number; '' if it has none.
-        better: 'smaller', 'greater', or '' if neither is better.
-        source: formula, or reference of the formula.
-        is_feature_based: True if the number depends on the features of the scheme, so that it
-            cannot be compared between schemes.
-        default: True if this metric is computed in studies that do not choose their metrics.
-        is_binary: True if the number is 0 or 1; tables and figures then show the rate of 1.
-        has_tolerance: True if the number depends on how near to its goal a camera must be to have
-            reached it; captions of tables and figures then state this tolerance.
-
-    Raises:
-        StudyError: `better` has another value, or a binary metric has a unit.
-    """
-    if better not in (SMALLER, GREATER, NEITHER):
-        raise StudyError(f"better is '{better}', must be '{SMALLER}', '{GREATER}' or ''")
-    if is_binary and unit:
-        raise StudyError(f"a binary metric has no unit: remove '{unit}'")
-    return lambda measure: Metric(
-        measure.__name__, unit, better, source, measure, is_feature_based, default, is_binary,
-        has_tolerance,
-    )  # fmt: skip
-
-
-def list_default_metrics() -> tuple[str, ...]:
-    """Return the names of the metrics that a study computes if it has no list of metrics."""
-    return tuple(name for name, one in METRICS.items() if one.default)
 
 
 def find_metric(name: str) -> Metric:
@@ -202,12 +99,9 @@ def settled(run: Run) -> float:
 
 
 @metric(
-    "",
-    SMALLER,
-    "largest error of a feature after a change of its sign, divided by its first error",
-    is_feature_based=True,
-    default=True,
-)
+    "", SMALLER, "largest error of a feature after a change of its sign, divided by its "
+    "first error", is_feature_based=True, default=True,
+)  # fmt: skip
 def overshoot(run: Run) -> float:
     """Largest overshoot of a feature beyond its goal, relative to its initial error."""
     error = run.error[_find_measured_images(run)]
@@ -235,27 +129,21 @@ def final_angle(run: Run) -> float:
     return run.verdict.angle
 
 
-@metric(
-    "m", SMALLER, "99.7 % bound that the loop computes; NaN if the loop has not converged"
-)  # fmt: skip
+@metric("m", SMALLER, "99.7 % bound that the loop computes; NaN if the loop has not converged")
 def open_distance(run: Run) -> float:
     """Upper bound that the loop computes for the final distance from the goal."""
     left = run.states[-1].arrival_status.pose_uncertainty if run.states else None
     return np.nan if left is None else left.distance
 
 
-@metric(
-    "rad", SMALLER, "99.7 % bound that the loop computes; NaN if the loop has not converged"
-)  # fmt: skip
+@metric("rad", SMALLER, "99.7 % bound that the loop computes; NaN if the loop has not converged")
 def open_angle(run: Run) -> float:
     """Upper bound that the loop computes for the final angle to the goal."""
     left = run.states[-1].arrival_status.pose_uncertainty if run.states else None
     return np.nan if left is None else left.angle
 
 
-@metric(
-    "m", NEITHER, "computed from the true camera pose at the first joint state while servoing"
-)  # fmt: skip
+@metric("m", NEITHER, "computed from the true camera pose at the first joint state while servoing")
 def start_distance(run: Run) -> float:
     """Distance of the camera from its goal at the first image."""
     return _compute_initial_pose_error(run)[0]
@@ -361,19 +249,7 @@ def image_excursion(run: Run) -> float:
 def decay_rate(run: Run) -> float:
     """Decay rate of the norm of the errors; each error is divided by its initial value."""
     known = _find_measured_images(run)
-    stamp, error = run.stamp[known], run.error[known]
-    if not len(stamp):
-        return np.nan
-    first = np.abs(error[0])
-    error = error[:, first > SETTLING_BAND * first.max()]
-    if not error.size:
-        return np.nan
-    norm = np.linalg.norm(error / np.abs(error[0]), axis=1)
-    norm = norm / norm[0]
-    start, end = int(np.argmax(norm < DECAY_START)), int(np.argmax(norm < DECAY_END)) or len(norm)
-    if end - start < 4:
-        return np.nan
-    return float(-np.polyfit(stamp[start:end], np.log(norm[start:end]), 1)[0])
+    return decay.fit_decay_rate(run.stamp[known], run.error[known])
 
 
 @metric("1/s", NEITHER, "slowest pole of the sampled loop with delay, see metrics/decay.py")
@@ -382,9 +258,8 @@ def decay_predicted(run: Run) -> float:
     if run.experiment is None or run.experiment.gain is None or len(run.stamp) < 2:
         return np.nan
     period = float(np.median(np.diff(run.stamp)))
-    return decay.predict_decay_rate(
-        run.experiment.gain, decay.compute_delay(run.experiment), period
-    )
+    delay = decay.compute_delay(run.experiment)
+    return decay.predict_decay_rate(run.experiment.gain, delay, period)
 
 
 @metric(
@@ -394,11 +269,8 @@ def decay_predicted(run: Run) -> float:
 def error_settled(run: Run) -> float:
     """Time after which the norm of the errors stays below 2 % of its value at the first image."""
     known = _find_measured_images(run)
-    return _to_finite(
-        compute_settling_time(
-            run.stamp[known], np.linalg.norm(normalize_errors(run.error[known]), axis=1)
-        )
-    )
+    norm = np.linalg.norm(normalize_errors(run.error[known]), axis=1)
+    return _to_finite(compute_settling_time(run.stamp[known], norm))
 
 
 @metric("s", NEITHER, "last stamp minus first stamp of the processed images")
@@ -472,12 +344,8 @@ def images_late(run: Run) -> float:
         return 0.0
     period = float(np.median(gaps))
     missing = np.maximum(np.round(gaps / period) - 1.0, 0.0).sum()
-    return float(
-        missing
-        + np.count_nonzero(
-            run.control_record.arrival - run.control_record.stamp > LATE_PERIODS * period
-        )
-    )
+    delays = run.control_record.arrival - run.control_record.stamp
+    return float(missing + np.count_nonzero(delays > LATE_PERIODS * period))
 
 
 @metric(
@@ -503,19 +371,6 @@ def real_time_factor(run: Run) -> float:
     stamp, factor = run.real_time_factors.reshape(-1, 2).T
     during = (stamp >= run.start_stamp) & np.isfinite(factor)
     return float(factor[during].mean()) if during.any() else np.nan
-
-
-def condition_number(singular: np.ndarray) -> np.ndarray:
-    """Compute the condition number (n,) of the matrix L of each image.
-
-    singular: singular values (n, p), largest first. The condition number of an image without
-        singular values is NaN.
-    """
-    if not singular.shape[1]:
-        return np.full(len(singular), np.nan)
-    least = np.nanmin(np.where(np.isnan(singular), np.inf, singular), axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(np.isfinite(least), singular[:, 0] / least, np.nan)
 
 
 def _compute_initial_pose_error(run: Run) -> tuple[float, float]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import make_missing_library_error
 from ..recording.run import Run
-from .metrics import condition_number
+from .condition_number import condition_number
 
 if TYPE_CHECKING:
     import pandas

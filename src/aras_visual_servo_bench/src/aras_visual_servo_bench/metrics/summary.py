@@ -11,6 +11,7 @@ import numpy as np
 from ..recording.run import Run
 from . import metrics
 from .formatting import NO_NUMBER, choose_unit, make_number_format
+from .metric import SMALLER
 
 COUNT_METRICS = ("iterations", "images", "images_late")
 # length of the interval at the end of a run over which the mean error is computed, s
@@ -194,6 +195,6 @@ def find_best_runs(
     printed = dict(zip(comparable, format_quantities(list(comparable.values())), strict=True))
     if len(set(printed.values())) < 2:
         return set()
-    smaller = next(iter(comparable.values())).better == metrics.SMALLER
+    smaller = next(iter(comparable.values())).better == SMALLER
     best = (min if smaller else max)(comparable, key=lambda i: comparable[i].value)
     return {i for i in comparable if printed[i] == printed[best]}

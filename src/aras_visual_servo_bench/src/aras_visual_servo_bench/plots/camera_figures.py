@@ -11,10 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-from aras_visual_servo_base.poses import exponential, rotation_vector
-
-from ..recording.image_tracks import ImageTracks, find_milestones
-from ..recording.image_tracks import compute_tracks as tracks_of
+from ..recording.image_tracks import ImageTracks, compute_tracks, find_milestones
 from ..recording.run import Run
 from .palette import COLOURS, FAINT, GOAL, GRID, INK, START
 from .style import (
@@ -48,15 +45,17 @@ def draw_image_trajectory(runs: Sequence[Run]) -> Figure | None:
 
     The background is the last image of the first run. Return None if no run has such paths.
     """
-    found = [(run, tracks_of(run)) for run in runs]
+    found = [(run, compute_tracks(run)) for run in runs]
     found = [(run, tracks) for run, tracks in found if tracks is not None]
     if not found:
         return None
     camera = found[0][0].camera
     width = plt.rcParams["figure.figsize"][0]
     part = 0.66 if is_paper() else 1.0
-    figure, (axis,) = make_axes(1, (width / part - 0.97) * camera.height / camera.width,
-                             margins=Margins(0.85, 0.12, 0.36, 0.89))  # fmt: skip
+    figure, (axis,) = make_axes(
+        1, (width / part - 0.97) * camera.height / camera.width,
+        margins=Margins(0.85, 0.12, 0.36, 0.89),
+    )  # fmt: skip
     axis.grid(False)
     for side in axis.spines.values():
         side.set_visible(True)
@@ -77,12 +76,8 @@ def draw_image_trajectory(runs: Sequence[Run]) -> Figure | None:
         if len(tracks.names) <= 6:
             handles = [Line2D([], [], color=_choose_colour(tracks, i), label=escape_math(name))
                        for i, name in enumerate(tracks.names)] + handles  # fmt: skip
-        kind = (
-            "points that the scheme measures"
-            if tracks.is_measured
-            else "target's corners and centre"
-        )
-        add_title(axis, f"Path of the {kind} in the image")
+        measured, other = "points that the scheme measures", "target's corners and centre"
+        add_title(axis, f"Path of the {measured if tracks.is_measured else other} in the image")
     else:
         handles = [Line2D([], [], label=escape_math(run.name), **style)
                    for (run, _), style in zip(found, styles, strict=True)]  # fmt: skip
@@ -137,13 +132,12 @@ def draw_filmstrip(runs: Sequence[Run]) -> Figure | None:
     columns = max(len(stamps) for _, stamps in strips)
     shape = runs[0].control_record.images[0][1].shape
     part = 0.66 if is_paper() else 1.0
-    across = (
-        find_figure_width(is_wide=True) / part - 2.0 * IMAGE_MARGIN - (columns - 1) * IMAGE_GAP
-    ) / columns
+    room = find_figure_width(is_wide=True) / part - 2.0 * IMAGE_MARGIN - (columns - 1) * IMAGE_GAP
     figure, axes = make_axes(
-        len(runs) * columns, across * shape[0] / shape[1], columns, is_wide=True,
-        margins=Margins(IMAGE_MARGIN, IMAGE_MARGIN, TITLE_HEIGHT, IMAGE_MARGIN, TITLE_HEIGHT,
-            IMAGE_GAP),
+        len(runs) * columns, room / columns * shape[0] / shape[1], columns, is_wide=True,
+        margins=Margins(
+            IMAGE_MARGIN, IMAGE_MARGIN, TITLE_HEIGHT, IMAGE_MARGIN, TITLE_HEIGHT, IMAGE_GAP
+        ),
     )  # fmt: skip
     for number, (run, stamps) in enumerate(strips):
         row = axes[number * columns : (number + 1) * columns]
@@ -192,25 +186,26 @@ def draw_camera_path(runs: Sequence[Run]) -> Figure | None:
         axis.plot(*path.T, zorder=4, label="camera" if single else escape_math(run.name), **style)
         goal = run.goal_pose
         if np.isfinite(goal).all():
-            ideal = interpolate_poses(poses[0], goal)
-            axis.plot(*ideal[:, :3, 3].T, color=GOAL if single else colour, lw=1.1, ls="--",
+            ideal = np.array([path[0], goal[:3, 3]])
+            axis.plot(*ideal.T, color=GOAL if single else colour, lw=1.1, ls="--",
                       zorder=3, label="straight" if single else None)  # fmt: skip
             drawn_points.append(goal[None, :3, 3])
-    target = _draw_target(axis, runs[0])
-    points = np.vstack(drawn_points + ([target] if target is not None else []))
+    corners = compute_face_corners(runs[0])
+    if len(corners) > 2:
+        axis.add_collection3d(Poly3DCollection([corners], facecolor=INK, edgecolor=INK, zorder=1))
+    points = np.vstack([*drawn_points, corners])
     low, high = points.min(axis=0), points.max(axis=0)
     size = max(float((high - low).max()), 1e-3)
+    length = FRUSTUM_SIZE * size
     for number, (run, style) in enumerate(zip(runs, styles, strict=True)):
         poses, colour = select_servoing_poses(run), style["color"]
-        _draw_camera(axis, poses[0], FRUSTUM_SIZE * size, START if single else colour, "start"
-            if single
-                else None)  # fmt: skip
+        start_colour, goal_colour = (START, GOAL) if single else (colour, INK)
+        _draw_camera(axis, poses[0], length, start_colour, "start" if single else None)
         if np.isfinite(run.goal_pose).all():
-            _draw_camera(axis, run.goal_pose, GOAL_FRUSTUM_SCALE * FRUSTUM_SIZE * size, GOAL
-                if single else INK,
-                    "goal" if number == 0 else None, "--")  # fmt: skip
-        _draw_camera(axis, poses[-1], FRUSTUM_SIZE * size, colour, "end" if single else None)
-    room = 0.5 * FRUSTUM_SIZE * size
+            _draw_camera(axis, run.goal_pose, GOAL_FRUSTUM_SCALE * length, goal_colour,
+                         "goal" if number == 0 else None, "--")  # fmt: skip
+        _draw_camera(axis, poses[-1], length, colour, "end" if single else None)
+    room = 0.5 * length
     # The axes of a planar path would form a flat box, so each axis has at least a length of
     # MIN_AXIS_RATIO * size.
     padding = np.maximum(0.5 * (MIN_AXIS_RATIO * size - (high - low)), room)
@@ -241,35 +236,20 @@ def select_servoing_poses(run: Run) -> np.ndarray:
     return poses[np.isfinite(poses).all(axis=(1, 2))]
 
 
-def interpolate_poses(start: np.ndarray, goal: np.ndarray, count: int = 40) -> np.ndarray:
-    """Return poses (count, 4, 4) on the shortest path from `start` to `goal`, (4, 4) each.
+def compute_face_corners(run: Run) -> np.ndarray:
+    """Compute the corners (c, 3) of the target's face in the world at the start of servoing, m.
 
-    The positions are on a straight line, and the orientation rotates about a fixed axis.
-    """
-    turn = rotation_vector(start[:3, :3].T @ goal[:3, :3])
-    poses = np.tile(np.eye(4), (count, 1, 1))
-    for pose, part in zip(poses, np.linspace(0.0, 1.0, count), strict=True):
-        pose[:3, :3] = start[:3, :3] @ exponential((0.0, 0.0, 0.0, *(part * turn)))[:3, :3]
-        pose[:3, 3] = (1.0 - part) * start[:3, 3] + part * goal[:3, 3]
-    return poses
-
-
-def _draw_target(axis: Axes, run: Run) -> np.ndarray | None:
-    """Draw the target's face at the start of servoing; return its corners (c, 3) in the world.
-
-    Return None if the run has no target.
+    c is 0 if the run has no target.
     """
     if run.target is None:
-        return None
-    world_T_target = run.target.world_T_target(run.start_stamp)
-    corners = run.target.shape.vertices() @ world_T_target[:3, :3].T + world_T_target[:3, 3]
-    if len(corners) > 2:
-        axis.add_collection3d(Poly3DCollection([corners], facecolor=INK, edgecolor=INK, zorder=1))
-    return corners
+        return np.zeros((0, 3))
+    pose = run.target.world_T_target(run.start_stamp)
+    return run.target.shape.vertices() @ pose[:3, :3].T + pose[:3, 3]
 
 
-def _draw_camera(axis: Axes, pose: np.ndarray, size: float, colour: str, label: str | None,
-            line: str = "-") -> None:  # fmt: skip
+def _draw_camera(
+    axis: Axes, pose: np.ndarray, size: float, colour: str, label: str | None, line: str = "-"
+) -> None:
     """Draw a camera at a pose (4, 4) as a pyramid, from the optical centre along the optical axis.
     """
     rim = size * np.array([[-0.4, -0.3, 1.0], [0.4, -0.3, 1.0], [0.4, 0.3, 1.0], [-0.4, 0.3, 1.0]])

@@ -11,7 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..metrics.formatting import choose_unit, format_heading
-from ..metrics.metrics import Metric, final_distance
+from ..metrics.metric import Metric
+from ..metrics.metrics import final_distance
 from ..metrics.statistics import Estimate, rate
 from ..studies.results import Results
 from .palette import BLUE, COLOURS, INK, PALE_BLUE, SOFT_INK, VERMILION

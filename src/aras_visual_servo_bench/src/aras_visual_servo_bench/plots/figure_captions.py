@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..metrics.metrics import Metric, final_distance
+from ..metrics.metric import Metric
+from ..metrics.metrics import final_distance
 from ..studies import captions
 from ..studies.results import Results
 from .run_groups import (

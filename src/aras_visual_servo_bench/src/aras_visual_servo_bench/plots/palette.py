@@ -14,8 +14,7 @@ INK, SOFT_INK, GOOD, BAD, WARN = "#202124", "#5f6368", "#00734f", "#b3261e", "#8
 FAINT, GRID, GROUND = "#9aa0a6", "#e6e8ea", "#f6f7f8"
 # Colour map of values from 0 to 1: nine colours of Matplotlib's viridis.
 COLOUR_MAP = ("#440154", "#472d7b", "#3b528b", "#2c728e", "#21918c", "#28ae80", "#5ec962",
-    "#addc30",
-         "#fde725")  # fmt: skip
+              "#addc30", "#fde725")  # fmt: skip
 CURVE_COLOURS = (*COLOURS, "#6b4fbb", "#7a5c00")  # colours of the curves on the report page
 REPORT = {
     "ink": INK, "soft": SOFT_INK, "line": GRID, "ground": GROUND, "good": GOOD, "bad": BAD,

@@ -3,122 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from ..metrics.metrics import condition_number, error_settled, settled
+from ..metrics.condition_number import condition_number
+from ..metrics.metrics import error_settled, settled
 from ..recording.run import Run, normalize_errors
+from .panel import Curve, Panel, Texts, make_panel
 
-MAX_CURVES = 24  # largest number of curves in a panel that a reader can distinguish
 # If runs have more features than this number, panels that compare them show only the norm of the
 # errors; otherwise, they show the error of each feature.
 MAX_FEATURES = 6
 SETTLING_BAND = 0.02
 FLOOR = 1e-6  # lower end of the logarithmic axis of the error norm, relative to the initial norm
 UNLIMITED = 100.0  # joint limit above which a joint counts as unlimited, rad or m
-# A curve is interrupted between two points if the time between them is longer than MAX_GAP_TIME
-# (s), and longer than MAX_GAP_PERIODS times the median time between points.
-MAX_GAP_TIME, MAX_GAP_PERIODS = 0.3, 5.0
 MIN_POSE_ERROR = 1e-4  # lower end of the logarithmic axes of the pose error, mm and degrees
 # time at which the curves of the joints start, relative to the start of servoing, s
 TIME_BEFORE_START = -0.1
-
-
-@dataclass(frozen=True, eq=False)
-class Curve:
-    """One line of a panel.
-
-    Attributes:
-        name: name of the quantity or of the run.
-        time: (n,) times since servoing started, s.
-        values: (n,) values at these times; NaN if unknown.
-        run: index of the run.
-        colour_index: index of the colour.
-        dashed: True for a curve of desired values in a panel with achieved values.
-        is_pale: True for a curve of measured values in a panel with filtered values.
-    """
-
-    name: str
-    time: np.ndarray
-    values: np.ndarray
-    run: int = 0
-    colour_index: int = 0
-    dashed: bool = False
-    is_pale: bool = False
-
-    def insert_gaps(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the times and values, with the value NaN in the middle of each long time step.
-
-        The NaN interrupts the drawn curve.
-        """
-        steps = np.diff(self.time)
-        if not len(steps):
-            return self.time, self.values
-        indices = np.flatnonzero(
-            steps > max(MAX_GAP_TIME, MAX_GAP_PERIODS * float(np.median(steps)))
-        )
-        middles = self.time[indices] + 0.5 * steps[indices]
-        return np.insert(self.time, indices + 1, middles), np.insert(
-            self.values, indices + 1, np.nan
-        )
-
-
-Texts = tuple[tuple[float, str], ...]  # values on the axis of a panel, each with its label
-
-
-@dataclass(frozen=True, eq=False)
-class Panel:
-    """Curves over time that share an axis.
-
-    Attributes:
-        title: name of the quantity, without its unit.
-        axis: short label of the axis in figures.
-        unit: unit of the values.
-        curves: curves of the panel.
-        is_logarithmic: True for a logarithmic axis of the values.
-        is_dotted: True if the values are drawn as dots that are not connected.
-        dashed: text that says what dashed curves mean.
-        band: tolerance of the values; a band from -band to band is drawn. None for no band.
-        levels: values at which a horizontal line is drawn, with their labels.
-        limits: limits of the values, such as joint limits, with their labels.
-        marks: times that are marked, s, with their labels.
-        span: lower and upper value that the axis must contain; either is None if the curves
-            determine this end of the axis.
-        omitted_curves: number of curves that are not shown because there are too many.
-    """
-
-    title: str
-    axis: str
-    unit: str
-    curves: tuple[Curve, ...]
-    is_logarithmic: bool = False
-    is_dotted: bool = False
-    dashed: str = ""
-    band: float | None = None
-    levels: Texts = ()
-    limits: Texts = ()
-    marks: Texts = ()
-    span: tuple[float | None, float | None] = (None, None)
-    omitted_curves: int = 0
-
-
-def make_panel(
-    title: str, axis: str, unit: str, curves: Iterable[Curve], **more: object
-) -> list[Panel]:
-    """Return a list with one panel; return an empty list if no curve has values.
-
-    The panel contains the curves that have values. If there are more than MAX_CURVES, it contains
-    those with the largest range of values. `more` are other attributes of Panel.
-    """
-    known = [curve for curve in curves if np.isfinite(curve.values).any()]
-    if not known:
-        return []
-    shown = known
-    if len(known) > MAX_CURVES:
-        changes = [-float(np.nanmax(c.values) - np.nanmin(c.values)) for c in known]
-        shown = [known[i] for i in sorted(np.argsort(changes, kind="stable")[:MAX_CURVES])]
-    return [Panel(title, axis, unit, tuple(shown), omitted_curves=len(known) - len(shown), **more)]
 
 
 def group_by_unit(run: Run) -> list[tuple[str, list[int]]]:
@@ -178,15 +80,16 @@ def make_error_panels(runs: Sequence[Run]) -> list[Panel]:
         smoothed = not np.allclose(run.filtered_error, run.error, equal_nan=True)
         for unit, members in group_by_unit(run):
             bounds = {run.tolerances[i] for i in members} if run.tolerances else set()
-            measured = _make_curves(run, run.names, run.error, members,
-                                " as measured" if smoothed else "", is_pale=smoothed)  # fmt: skip
-            filtered = _make_curves(run, run.names, run.filtered_error, members) if smoothed else []
-            found += make_panel("error", "error", unit, filtered + measured,
-                           band=min(bounds) if len(bounds) == 1 else None)  # fmt: skip
+            ending = " as measured" if smoothed else ""
+            curves = _make_curves(run, run.names, run.error, members, ending, is_pale=smoothed)
+            if smoothed:
+                curves = _make_curves(run, run.names, run.filtered_error, members) + curves
+            band = min(bounds) if len(bounds) == 1 else None
+            found += make_panel("error", "error", unit, curves, band=band)
     elif len(run.names) <= MAX_FEATURES and all(r.names == run.names for r in runs):
         for i, name in enumerate(run.names):
-            found += make_panel(f"error of {name}", name, run.units[i],
-                           _make_run_curves(runs, name, lambda r, i=i: r.error[:, i]))  # fmt: skip
+            curves = _make_run_curves(runs, name, lambda r, i=i: r.error[:, i])
+            found += make_panel(f"error of {name}", name, run.units[i], curves)
     return found + make_panel(
         "norm of the errors, relative", "norm, relative", "",
         _make_run_curves(runs, "norm, relative", _compute_error_norm), is_logarithmic=True,
@@ -208,7 +111,7 @@ def _compute_error_norm(run: Run) -> np.ndarray:
 
 def _mark_settling(
     runs: Sequence[Run], when: Callable[[Run], float]
-) -> tuple[tuple[float, str], ...]:
+) -> Texts:
     """Return a mark at the settling time of a single run; return no mark for several runs.
 
     when: function that returns the settling time of a run, or NaN if the run does not settle.
@@ -229,8 +132,10 @@ def make_pose_panels(runs: Sequence[Run]) -> list[Panel]:
         curves = _make_run_curves(
             runs, title, compute_remaining, lambda run: run.joint_time[run.servoing]
         )
-        found += make_panel(f"{title} to the goal", title, unit, curves, is_logarithmic=True,
-                       marks=() if k else _mark_settling(runs, settled.measure))  # fmt: skip
+        marks = () if k else _mark_settling(runs, settled.measure)
+        found += make_panel(
+            f"{title} to the goal", title, unit, curves, is_logarithmic=True, marks=marks
+        )
     return found
 
 
@@ -296,12 +201,8 @@ def make_joint_panels(runs: Sequence[Run]) -> list[Panel]:
             positions.append(Curve(label, time, run.measured_positions[shown, i], number, number))
             speeds.append(Curve(label, time, run.measured_velocities[shown, i], number, number))
             if is_single:
-                positions.append(
-                    Curve(
-                        "commanded position", time, run.joint_commands[shown, i], colour_index=1,
-                        dashed=True,
-                    )
-                )
+                positions.append(Curve("commanded position", time, run.joint_commands[shown, i],
+                                       colour_index=1, dashed=True))  # fmt: skip
         ends = [(side[j], text) for side, text in zip(first.position_limits, ("least", "greatest"),
                                                       strict=True) if len(side) > j]  # fmt: skip
         tops = [
@@ -314,7 +215,7 @@ def make_joint_panels(runs: Sequence[Run]) -> list[Panel]:
     return found
 
 
-def _select_limits(lines: Iterable[tuple[float, str]]) -> tuple[tuple[float, str], ...]:
+def _select_limits(lines: Iterable[tuple[float, str]]) -> Texts:
     """Return the limits whose absolute value is smaller than UNLIMITED."""
     return tuple((float(value), text) for value, text in lines if abs(value) < UNLIMITED)
 
@@ -329,18 +230,13 @@ def make_conditioning_panels(runs: Sequence[Run]) -> list[Panel]:
         _make_run_curves(runs, name, lambda run, key=key: condition_number(getattr(run, key)))
         for name, key in (("L", "singular_L"), ("L J", "singular_LJ"))
     ]
+    found: list[Panel] = []
     if len(runs) == 1:
         both = [replace(curve, colour_index=shade) for shade, (curve,) in enumerate(ratios)]
-        found = make_panel("condition number", "condition", "", both, is_logarithmic=True)
-    else:
-        found = [
-            panel
-            for name, curves in zip(("L", "L J"), ratios, strict=True)
-            for panel in make_panel(
-                f"condition number of {name}", f"condition of {name}", "", curves,
-                is_logarithmic=True,
-            )
-        ]  # fmt: skip
+        found += make_panel("condition number", "condition", "", both, is_logarithmic=True)
+    for name, curves in zip(("L", "L J"), ratios, strict=True) if len(runs) > 1 else ():
+        found += make_panel(f"condition number of {name}", f"condition of {name}", "", curves,
+                            is_logarithmic=True)  # fmt: skip
     for title, name, key, span in (
         ("manipulability", "manipulability", "manipulability", (None, None)),
         ("factor by which limits reduced the twist", "scale", "scale", (-0.05, 1.1)),
@@ -358,15 +254,15 @@ def make_timing_panels(runs: Sequence[Run]) -> list[Panel]:
     """
     found: list[Panel] = []
     end = find_last_time(runs)
-    for title, axis, unit, of, dots in (
+    for title, axis, unit, read, is_dotted in (
         ("interval between images", "interval", "ms", _compute_intervals, True),
         ("delay", "delay", "ms", _compute_delays, True),
-        ("real-time factor", "real-time factor", "", lambda run: _read_real_time_factors(run, end),
-            False),
+        ("real-time factor", "real-time factor", "",
+         lambda run: _read_real_time_factors(run, end), False),
     ):  # fmt: skip
         series = [(number, data) for number, run in enumerate(runs) if len(run.time) > 2
-               for data in of(run)]  # fmt: skip
-        options = {"is_dotted": dots, "span": (0.0, None)}
+                  for data in read(run)]  # fmt: skip
+        options = {"is_dotted": is_dotted, "span": (0.0, None)}
         if len(runs) == 1:
             curves = [Curve(*data, colour_index=i) for i, (_, data) in enumerate(series)]
             found += make_panel(title, axis, unit, curves, **options)
@@ -375,8 +271,8 @@ def make_timing_panels(runs: Sequence[Run]) -> list[Panel]:
         for name in names:
             curves = [Curve(runs[number].name, time, values, number, number)
                       for number, (kind, time, values) in series if kind == name]  # fmt: skip
-            found += make_panel(f"{title}, {name}" if len(names) > 1 else title, axis, unit, curves,
-                           **options)  # fmt: skip
+            own_title = f"{title}, {name}" if len(names) > 1 else title
+            found += make_panel(own_title, axis, unit, curves, **options)
     return found
 
 

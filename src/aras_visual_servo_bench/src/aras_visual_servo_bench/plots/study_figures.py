@@ -11,7 +11,7 @@ import scipy
 from matplotlib.figure import Figure
 
 from ..errors import catch_write_errors, check_formats
-from ..metrics.metrics import Metric
+from ..metrics.metric import Metric
 from ..studies import study_folder as folders
 from ..studies.latex import format_tex_figure
 from ..studies.results import REAL_TIME_MULTIPLE, Results

@@ -12,9 +12,17 @@ from matplotlib.figure import Figure
 
 from ..recording.run import Run
 from .palette import BAD, COLOURS, FAINT, GOAL, GOOD, INK, SOFT_INK
-from .panels import Panel, Texts, find_last_time
-from .style import TIME_LABEL, add_legend, add_title, escape_math, format_log_axis, is_paper
-from .style import make_axes as axes_of
+from .panel import Panel, Texts
+from .panels import find_last_time
+from .style import (
+    TIME_LABEL,
+    add_legend,
+    add_title,
+    escape_math,
+    format_log_axis,
+    is_paper,
+    make_axes,
+)
 
 SYMBOLS = {
     "xn": "$x_n$", "yn": "$y_n$", "an": "$a_n$", "alpha": r"$\alpha$", "theta": r"$\theta$",
@@ -107,18 +115,16 @@ def draw_panels(
     if not panels:
         return None
     is_single, columns = len(runs) == 1, layout.columns
-    figure, axes = axes_of(len(panels), layout.panel_height, columns, is_wide=columns > 1)
+    figure, axes = make_axes(len(panels), layout.panel_height, columns, is_wide=columns > 1)
     styles = [] if is_single else make_curve_styles(len(runs))
     for axis, panel in zip(axes, panels, strict=True):
         _draw_panel(axis, panel, styles, columns > 1)
     if is_single:
-        add_title(axes[0], title + _make_hints(panels))
-    # only the left panel has a title, because the names of the runs need the space on the right
-    else:
-        add_title(
-            axes[0],
-            f"{title} and {layout.second_column.lower()}" if layout.second_column else title,
-        )
+        title += _make_hints(panels)
+    elif layout.second_column:
+        # only the left panel has a title, because the names of the runs need the space on the right
+        title += f" and {layout.second_column.lower()}"
+    add_title(axes[0], title)
     if is_single and layout.second_column:
         add_title(axes[1], layout.second_column)
     if not is_single:
@@ -129,10 +135,9 @@ def draw_panels(
         labels = axis.get_legend_handles_labels()[1]
         if len(labels) <= MAX_NAMES and labels != [find_symbol(panel.axis)]:
             add_legend(axis, layout.legend_columns)
+    label = "time (s)" if is_paper() and columns > 1 else TIME_LABEL
     for column in range(columns):
-        axes[column::columns][-1].set_xlabel(
-            "time (s)" if is_paper() and columns > 1 else TIME_LABEL
-        )
+        axes[column::columns][-1].set_xlabel(label)
     axes[-1].set_xlim(0.0, find_last_time(runs))
     return figure
 
@@ -171,9 +176,9 @@ def _draw_panel(
             if not (curve.dashed or curve.is_pale):
                 style["label"] = find_symbol(curve.name)
         if curve.dashed:
-            style |= {"ls": "--", "lw": 1.0} | (
-                {"label": escape_math(curve.name)} if all_named else {}
-            )
+            style |= {"ls": "--", "lw": 1.0}
+        if curve.dashed and all_named:
+            style["label"] = escape_math(curve.name)
         if curve.is_pale:
             style |= {"alpha": 0.35, "lw": 0.8}
         if panel.is_dotted:

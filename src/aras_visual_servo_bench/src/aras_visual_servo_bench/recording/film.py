@@ -13,7 +13,8 @@ from aras_visual_servo_controller.observation.frame import Frame
 from aras_visual_servo_controller.observation.observation import CAMERA
 
 from ..experiment import cameras
-from .run import Film, Run
+from .camera_record import Film
+from .run import Run
 
 MAX_FRAMES = 600
 # maximum size of all frames of a film, bytes; base64 makes them a third larger on a report page
@@ -82,11 +83,6 @@ def encode_small_frame(image: np.ndarray) -> bytes:
 def decode_frame(frame: bytes) -> np.ndarray:
     """Decode a JPEG to an image (rows, columns, 3), rgb."""
     return cv2.imdecode(np.frombuffer(frame, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
-
-
-def shot(reading: Frame, model: CameraModel) -> bytes:
-    """Encode the image of a frame as JPEG; if the frame has exact features, draw them first."""
-    return encode_frame(make_image(reading, model))
 
 
 def _encode_jpeg(image: np.ndarray, max_side: int, quality: int) -> bytes:

@@ -20,12 +20,14 @@ from aras_visual_servo_controller.ros.recorded_messages import read_state
 
 from ..errors import BenchError
 from ..targets.geometry import PlacedTarget, PlatesTarget
+from .camera_record import CameraRecord
 from .film import encode_film, select_frames, with_images
 from .graph_recording import GraphRecording
 from .image_tracks import find_milestones, find_nearest
 from .recorded_experiment import RecordedExperiment
-from .run import CameraRecord, Run, Verdict
+from .run import Run
 from .run_recorder import find_joint_units
+from .verdict import Verdict
 
 SERVOING_PHASES = ("servoing", "converged", "holding", "stopped")
 
@@ -79,6 +81,11 @@ class MessageRunBuilder:
         lower, upper, max_speed = recorded.read_limits()
         if not recording.stamps:
             notes.append("the bag has no images")
+        camera = None
+        # ignore invalid intrinsics, because the camera node has already reported them
+        with contextlib.suppress(InvalidIntrinsicsError):
+            if recording.info is not None:
+                camera = CameraModel.from_message(recording.info)
         exposed, arrived = (np.array([row[i] for row in recording.stamps]) for i in range(2))
         run = Run(
             name=name, source=str(recording.path), states=tuple(states),
@@ -90,7 +97,7 @@ class MessageRunBuilder:
             remedy=last.remedy, verdict=_compute_verdict(goal, poses),
             position_limits=(lower, upper),
             speed_limits=max_speed, joint_units=find_joint_units(arm) if arm is not None else (),
-            cameras={CAMERA: CameraRecord(self._find_camera(), exposed, arrived)},
+            cameras={CAMERA: CameraRecord(camera, exposed, arrived)},
             target=_make_target(goal), goal=goal,
             real_time_factors=np.array(recording.real_time_factors).reshape(-1, 2),
             settings={"scheme": states[0].scheme, **recorded.describe_settings()},
@@ -111,14 +118,10 @@ class MessageRunBuilder:
         """
         if not len(exposure_stamps):
             return run
-        milestones = set(
-            exposure_stamps[find_nearest(exposure_stamps, np.array(find_milestones(run)))].tolist()
-        )
-        film_stamps = set(
-            select_frames(
-                exposure_stamps[exposure_stamps <= run.stamp[-1] + 1e-6], run.start_stamp
-            ).tolist()
-        )
+        nearest = find_nearest(exposure_stamps, np.array(find_milestones(run)))
+        milestones = set(exposure_stamps[nearest].tolist())
+        during = exposure_stamps[exposure_stamps <= run.stamp[-1] + 1e-6]
+        film_stamps = set(select_frames(during, run.start_stamp).tolist())
         images: list[tuple[float, np.ndarray]] = []
 
         def read_frames() -> Iterator[tuple[float, np.ndarray]]:
@@ -130,16 +133,6 @@ class MessageRunBuilder:
 
         frames = encode_film(read_frames(), len(film_stamps))
         return with_images(run, images, frames)
-
-    def _find_camera(self) -> CameraModel | None:
-        # ignore invalid intrinsics, because the camera node has already reported them
-        with contextlib.suppress(InvalidIntrinsicsError):
-            return (
-                None
-                if self._recording.info is None
-                else CameraModel.from_message(self._recording.info)
-            )
-        return None
 
     def _read_joint_states(
         self, names: tuple[str, ...], arm: Arm | None, notes: list[str]
@@ -181,11 +174,8 @@ class MessageRunBuilder:
                 f"({faults[0]}); probably a second node publishes joint states"
             )
         shape = (-1, len(names))
-        return (
-            np.array(stamps),
-            np.array(positions).reshape(shape),
-            np.array(velocities).reshape(shape),
-        )
+        positions, velocities = (np.array(rows).reshape(shape) for rows in (positions, velocities))
+        return np.array(stamps), positions, velocities
 
     def _compute_camera_poses(
         self, stamp: np.ndarray, joints: np.ndarray, arm: Arm | None, names: tuple[str, ...],

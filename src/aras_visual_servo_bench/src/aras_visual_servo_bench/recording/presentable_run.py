@@ -37,7 +37,7 @@ class PresentableRun:
             ("scheme", f"{self.scheme or 'unknown'} on {where}"),
         ]  # fmt: skip
         return "\n".join(
-            f"{'' if i == 0 else '  '}{title}: {_join_lines(text)}"
+            f"{'' if i == 0 else '  '}{title}: {' '.join(str(text).split())}"
             for i, (title, text) in enumerate(rows)
             if text and (title not in ("reason", "remedy") or not self.is_success)
         )
@@ -125,7 +125,3 @@ def describe_verdict(verdict: Any) -> str:
         return f"{verdict.name}, distance unknown"
     return (f"{verdict.name}, {1e3 * verdict.distance:.3g} mm and "
             f"{math.degrees(verdict.angle):.3g}° from the goal")  # fmt: skip
-
-
-def _join_lines(text: str) -> str:
-    return " ".join(str(text).split())

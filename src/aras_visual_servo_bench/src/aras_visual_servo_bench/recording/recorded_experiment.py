@@ -69,9 +69,8 @@ class RecordedExperiment:
             ])  # fmt: skip
         try:
             content = json.loads(text)
-            if not isinstance(content, Mapping) or not isinstance(
-                content.get("parameters"), Mapping
-            ):
+            parameters = content.get("parameters") if isinstance(content, Mapping) else None
+            if not isinstance(parameters, Mapping):
                 raise ValueError("there are no parameters of the ROS graph; record the run again")
             for key, kind in (("goals", dict), ("versions", dict), ("launch", list)):
                 if not isinstance(content.get(key, kind()), kind):
@@ -230,8 +229,8 @@ class RecordedExperiment:
 
     def _make_keys(self) -> dict[str, Any]:
         """Return the keys and values of the experiment that are known from the recording."""
-        loop, launch, simulator = self.controller, self.arguments, find_branch(
-            self.content["parameters"], "/gazebo")  # fmt: skip
+        loop, launch = self.controller, self.arguments
+        simulator = find_branch(self.content["parameters"], "/gazebo")
         keys: dict[str, Any] = {"scheme": loop.get("scheme", "moments")}
         keys.update({k: loop[k] for k in ("law", "gain", "start") if loop.get(k) not in (None, "")})
         if loop.get("desired", "auto") != "auto":
@@ -241,8 +240,8 @@ class RecordedExperiment:
             keys["start"] = [float(number) for number in start.split()]
         elif start is not None and not isinstance(start, (list, Mapping)):
             keys["start"] = str(start)
-        keys["camera"] = launch.get("camera") or find_preset(
-            next(iter(find_branch(simulator, "cameras/labrob").values()), {}))  # fmt: skip
+        cameras = find_branch(simulator, "cameras/labrob")
+        keys["camera"] = launch.get("camera") or find_preset(next(iter(cameras.values()), {}))
         for key in ("camera_xyz", "camera_rpy"):
             if launch.get(key):
                 keys[key] = [float(number) for number in launch[key].split()]
@@ -265,12 +264,12 @@ class RecordedExperiment:
     def make_yaml(self) -> str:
         """Return the experiment as YAML; '' if the run cannot be repeated."""
         try:
-            self.make_experiment()
+            keys = self.make_mapping()
         except BenchError as error:
             if self.content:
                 self.notes.append(str(error))
             return ""
-        return yaml.safe_dump(self._make_keys(), sort_keys=False, default_flow_style=None)
+        return yaml.safe_dump(keys, sort_keys=False, default_flow_style=None)
 
     def describe_settings(self) -> dict[str, str]:
         """Return the main settings as text, by name, for a report."""

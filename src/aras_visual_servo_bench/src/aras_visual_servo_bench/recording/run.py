@@ -13,94 +13,16 @@ import numpy as np
 
 from aras_visual_servo_base.poses import pose_difference
 from aras_visual_servo_camera.camera_model import CameraModel
-from aras_visual_servo_controller.diagnosis.pose_uncertainty import NEGLIGIBLE_UNCERTAINTY
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.records.state import CONVERGED, ServoState
 
 from ..experiment.experiment import Experiment
 from ..targets.geometry import PlacedTarget
+from .camera_record import CameraRecord
 from .presentable_run import PresentableRun
+from .verdict import Verdict
 
-Film = tuple[tuple[float, bytes], ...]  # film of a run: stamp (s) and JPEG of each frame
-
-REACHED, MISSED = "goal_reached", "goal_missed"
 SETTLING_BAND = 0.02  # an error is settled if it is below this fraction of its initial value
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """Result of a run according to the true poses.
-
-    name: 'goal_reached' or 'goal_missed'; '' if the poses are unknown.
-    distance: distance of the camera from its goal, m.
-    angle: angle between the orientations of the camera and of its goal, rad.
-    tolerance: maximum distance (m) and angle (rad) at which the goal is reached; NaN if unknown.
-    """
-
-    name: str
-    distance: float
-    angle: float
-    tolerance: tuple[float, float] = (float("nan"), float("nan"))
-
-    @property
-    def is_reached(self) -> bool:
-        """True if the camera has reached its goal."""
-        return self.name == REACHED
-
-    @classmethod
-    def compare(
-        cls, goal: np.ndarray, pose: np.ndarray, depth: float,
-        tolerance: tuple[float, float] | None = None,
-    ) -> Verdict:
-        """Compare the pose of the camera with the goal pose, both world_T_camera (4, 4).
-
-        Args:
-            depth: depth of the target at the goal, m.
-            tolerance: maximum distance (m) and angle (rad) at which the goal is reached; None: the
-                tolerances of the outcome 'converged', of which the distance is proportional to the
-                depth.
-        """
-        distance, angle = pose_difference(goal, pose)
-        limits = (
-            (NEGLIGIBLE_UNCERTAINTY[0] * depth, NEGLIGIBLE_UNCERTAINTY[1])
-            if tolerance is None
-            else tolerance
-        )
-        is_reached = distance <= limits[0] and angle <= limits[1]
-        return cls(REACHED if is_reached else MISSED, distance, angle, (limits[0], limits[1]))
-
-
-@dataclass(frozen=True, eq=False)
-class CameraRecord:
-    """Images and poses of one camera during a run.
-
-    Attributes:
-        model: true intrinsics; None if unknown.
-        stamp: (p,) time of exposure of each image, s.
-        arrival: (p,) simulated time at which the recorder received each image, s.
-        pose: (p, 4, 4) true world_T_camera of each image; empty if unknown.
-        images: some of the images, in the order of time: stamp (s) and rgb (rows, columns, 3).
-        film: film with more and smaller images, in the order of time: stamp (s) and JPEG; empty: a
-            film is made of `images`.
-    """
-
-    model: CameraModel | None = None
-    stamp: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    arrival: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    pose: np.ndarray = field(default_factory=lambda: np.zeros((0, 4, 4)))
-    images: tuple[tuple[float, np.ndarray], ...] = ()
-    film: Film = ()
-
-    def __repr__(self) -> str:
-        size = "unknown camera" if self.model is None else f"{self.model.width}x{self.model.height}"
-        return (f"CameraRecord({size}, {len(self.stamp)} exposures, {len(self.images)} images "
-                f"stored, {len(self.film)} frames of a film)")  # fmt: skip
-
-    def find_nearest_image(self, stamp: float) -> np.ndarray | None:
-        """Return the image that is nearest to a stamp (s); None if there are no images."""
-        if not self.images:
-            return None
-        return min(self.images, key=lambda one: abs(one[0] - stamp))[1]
 
 
 @dataclass(eq=False, repr=False)
@@ -399,24 +321,15 @@ class Run(PresentableRun):
             )
         return latest
 
-    def project_outline(self, pose: np.ndarray, stamp: float) -> np.ndarray | None:
-        """Return the corners (c, 2) of the target's silhouette in the image, px; None if unknown.
-
-        Args:
-            pose: world_T_camera (4, 4).
-            stamp: time for which the pose of the target is computed, s.
-        """
-        if self.target is None or self.camera is None:
-            return None
-        outline = self.target.project(self.target.shape.outline, pose, stamp)
-        return None if outline is None else self.camera.project_points(outline)
-
     def project_desired_outline(self) -> np.ndarray | None:
         """Return the corners (c, 2) of the target's silhouette at the goal pose, px, or None.
 
         None means that the target, the camera or the goal pose is unknown.
         """
-        return self.project_outline(self.goal_pose, self.end_stamp)
+        if self.target is None or self.camera is None:
+            return None
+        outline = self.target.project(self.target.shape.outline, self.goal_pose, self.end_stamp)
+        return None if outline is None else self.camera.project_points(outline)
 
 
 def compute_settling_time(stamp: np.ndarray, values: np.ndarray, floor: float = 0.0) -> float:

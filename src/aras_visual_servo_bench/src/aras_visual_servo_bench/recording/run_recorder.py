@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,8 @@ from aras_visual_servo_controller.schemes import JointController, Scheme
 from ..experiment.experiment import Experiment
 from ..plants import Plant
 from ..setup.assembly import Assembly
-from .run import CameraRecord, Run
+from .camera_record import CameraRecord
+from .run import Run
 
 
 class RunRecorder:
@@ -42,11 +43,7 @@ class RunRecorder:
         # Joint states (m, 3, n): positions, velocities, and the latest command.
         self._joints: list[np.ndarray] = []
         self._count, self._command = joint_count, np.full(joint_count, np.nan)
-        self._shot: Callable[[Frame, CameraModel], bytes] | None = None
-        if records_films:
-            from .film import shot
-
-            self._shot = shot
+        self._records_films = records_films
         self._camera_images: dict[str, list[tuple[float, np.ndarray, bytes]]] = {}
 
     def add_state(self, state: ServoState, pose: np.ndarray) -> None:
@@ -62,7 +59,11 @@ class RunRecorder:
             pose: true world_T_camera (4, 4) of the camera at the exposure.
             model: true intrinsics of the camera.
         """
-        jpeg = b"" if self._shot is None else self._shot(reading, model)
+        jpeg = b""
+        if self._records_films:
+            from .film import encode_frame, make_image  # of a film alone, because it loads OpenCV
+
+            jpeg = encode_frame(make_image(reading, model))
         self._camera_images.setdefault(reading.name, []).append((reading.stamp, pose, jpeg))
 
     def on_command(self, values: np.ndarray) -> None:
@@ -99,8 +100,8 @@ class RunRecorder:
         run = Run(
             states=tuple(states), pose=np.array(poses).reshape(-1, 4, 4),
             joint_stamp=np.array(self._stamps), measured_positions=positions,
-            measured_velocities=velocities,
-            joint_commands=commands, true_pose=plant.compute_rest_poses(positions),
+            measured_velocities=velocities, joint_commands=commands,
+            true_pose=plant.compute_rest_poses(positions),
             units=tuple(scheme.units or ()),
             tolerances=tuple(float(t) for t in scheme.tolerances), position_limits=limits,
             cameras=self._make_camera_records(parts, stamp, np.array(poses).reshape(-1, 4, 4)),
@@ -108,10 +109,8 @@ class RunRecorder:
             experiment=experiment, **end,
         )  # fmt: skip
         if isinstance(arm, Arm):
-            run.speed_limits, run.joint_units = (
-                parts.settings.make_limits(arm).velocity,
-                find_joint_units(arm),
-            )
+            run.speed_limits = parts.settings.make_limits(arm).velocity
+            run.joint_units = find_joint_units(arm)
         if "xg" in run.names and "yg" in run.names:
             run.centres = run.features[:, [run.names.index("xg"), run.names.index("yg")]]
         return run

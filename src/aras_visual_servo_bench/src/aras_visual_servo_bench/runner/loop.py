@@ -24,8 +24,9 @@ from aras_visual_servo_controller.runner.loop_runner import LoopRunner
 from ..errors import log_once
 from ..experiment.experiment import Experiment
 from ..plants import JointReading
-from ..recording.run import Run, Verdict
+from ..recording.run import Run
 from ..recording.run_recorder import RunRecorder
+from ..recording.verdict import Verdict
 from ..setup.assembly import Assembly, assemble
 
 if TYPE_CHECKING:

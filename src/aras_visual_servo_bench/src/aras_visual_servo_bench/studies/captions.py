@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..metrics import metrics
-from ..metrics.metrics import Metric
+from ..metrics.metric import Metric
 from .columns import find_column_name
 from .results import REAL_TIME_MULTIPLE, Results
 
@@ -71,7 +71,8 @@ def describe_missing(
     """
     groups = []
     for results in all_results:
-        ends, study = results.describe_ends(), results.name if len(all_results) > 1 else ""
+        ends = results.make_end_column().to_pylist()
+        study = results.name if len(all_results) > 1 else ""
         for values, rows in results.group_rows(keys).items():
             name = name_group(keys, values)
             if study:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import gc
 import json
@@ -12,9 +13,7 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, BinaryIO
 
 from ..errors import StudyError
 from . import run_rows, versions
@@ -118,11 +117,8 @@ def _run_isolated_chunk(task: StudyChunk) -> run_rows.RunRows:
         todo = todo[len(finished.values):]
         tries = 1 if finished.values else tries + 1
         if len(todo) and (tries >= MAX_TRIES or end is None):
-            result = (
-                {"outcome": run_rows.DIED, "reason": end}
-                if end
-                else run_rows.describe_timeout(study)
-            )
+            death = {"outcome": run_rows.DIED, "reason": end}
+            result = death if end else run_rows.describe_timeout(study)
             lost = {**run_rows.make_blank_row(study, todo[0]), **result}
             times = {"run": todo[0], "worker": make_worker_name()}
             chunk_rows.add(run_rows.RunRows([lost], [times]))
@@ -156,28 +152,20 @@ def _run_child(study: str, todo: range, limit: float) -> tuple[run_rows.RunRows,
     watchdog = threading.Timer(limit, kill_child)
     watchdog.start()
     try:
-        with child.stdin as pipe:
-            pickle.dump((study, todo.start, todo.stop), pipe)
-        for new_rows in _read_pickles(child.stdout):
-            child_rows.add(new_rows)
-            watchdog.cancel()
-            watchdog = threading.Timer(limit, kill_child)
-            watchdog.start()
-    except BrokenPipeError:
-        pass  # the child process ended before it read its task; _describe_exit gives the reason
+        # The child process may end before it has read its task, or while it writes a row.
+        with contextlib.suppress(BrokenPipeError, EOFError, pickle.UnpicklingError):
+            with child.stdin as pipe:
+                pickle.dump((study, todo.start, todo.stop), pipe)
+            output = child.stdout
+            while True:
+                child_rows.add(pickle.load(output))
+                watchdog.cancel()
+                watchdog = threading.Timer(limit, kill_child)
+                watchdog.start()
     finally:
         code = child.wait()
         watchdog.cancel()
     return child_rows, None if is_killed.is_set() else _describe_exit(code)
-
-
-def _read_pickles(pipe: BinaryIO) -> Iterator[Any]:
-    """Yield the pickled objects from a pipe until its end; an incomplete last object is ignored."""
-    while True:
-        try:
-            yield pickle.load(pipe)
-        except (EOFError, pickle.UnpicklingError):
-            return
 
 
 def _describe_exit(code: int) -> str:

@@ -19,7 +19,7 @@ from ..metrics.formatting import (
     format_quantity,
     make_number_format,
 )
-from ..metrics.metrics import GREATER, SMALLER, Metric
+from ..metrics.metric import GREATER, SMALLER, Metric
 from ..metrics.run_tables import import_pandas
 from ..metrics.statistics import Comparison, compare_rates, compare_values, holm
 from .captions import name_group
@@ -92,7 +92,39 @@ class StudyComparison:
     def __repr__(self) -> str:
         """List the most significant differences."""
         title = f"{' -> '.join(self.names)}\n" if len(set(self.names)) > 1 else ""
-        return title + describe_differences(self.differences, False, MAX_SHOWN)
+        return title + self.describe(limit=MAX_SHOWN)
+
+    def describe(self, is_verbose: bool = False, limit: int | None = None) -> str:
+        """Return the significant differences as text, sorted by p-value, and their number.
+
+        is_verbose: whether to list all differences.
+        limit: maximum number of differences that are listed; None: no limit.
+        """
+        significant = [d for d in self.differences if d.is_significant]
+        untested = [d for d in self.differences if d.verdict == UNTESTED]
+        tested = len(self.differences) - len(untested)
+        listed = list(self.differences) if is_verbose else sorted(significant, key=lambda d: d.p)
+        lines = [_describe_difference(d) for d in listed[:limit]]
+        lines += [f"… and {len(listed) - len(lines)} more"] if len(listed) > len(lines) else []
+        lines.append(
+            f"{len(significant)} of {tested} differences are significant (Holm, "
+            f"α = {SIGNIFICANCE_LEVEL:g})"
+        )
+        weak = [d for d in self.differences
+                if d.verdict == CHANCE and d.comparison.least_p >= SIGNIFICANCE_LEVEL]
+        if weak:
+            lines.append(
+                f"{len(weak)} of these differences have too few runs to be significant: repeat "
+                "each setting more often (`repeats`), or compare larger groups (`by`)"
+            )
+        if untested:
+            names = ", ".join(dict.fromkeys(d.metric for d in untested))
+            lines.append(f"{len(untested)} differences of {names} are not tested, because one of "
+                         "the compared groups has no values")  # fmt: skip
+        if not is_verbose:
+            notes = dict.fromkeys(d.note for d in significant if d.note)
+            lines += [f"Note: {note}" for note in notes]
+        return "\n".join(lines)
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return a table with one row per difference.
@@ -112,16 +144,6 @@ def compare_studies(
     first: Results, second: Results | None = None, by: Sequence[str] = (),
     metrics: Sequence[str] = (), between: str = "",
 ) -> StudyComparison:  # fmt: skip
-    """Compare two studies, or the cases of one study; see `Results.compare`."""
-    differences = tuple(find_differences(first, second, by, metrics, between))
-    names = (first.name,) if second is None else (first.name, second.name)
-    return StudyComparison(names, differences)
-
-
-def find_differences(
-    first: Results, second: Results | None = None, by: Sequence[str] = (),
-    metrics: Sequence[str] = (), between: str = "",
-) -> list[Difference]:  # fmt: skip
     """Compare success and metrics of two studies, or of the values of a key within one study.
 
     The tests for pairs of runs are McNemar's test for success and other binary metrics, and
@@ -170,8 +192,8 @@ def find_differences(
             tests.append(Difference(group, name, comparison, comparison.p, "", sides, unit, note))
             better.append(direction)
     corrected = holm([d.p for d in tests])
-    return [_judge(d, p, direction)
-            for d, p, direction in zip(tests, corrected, better, strict=True)]  # fmt: skip
+    names = (first.name,) if second is None else (first.name, second.name)
+    return StudyComparison(names, tuple(map(_judge, tests, corrected, better)))
 
 
 def _judge(difference: Difference, p: float, better: str) -> Difference:
@@ -192,7 +214,10 @@ def _judge(difference: Difference, p: float, better: str) -> Difference:
         both = "no pair of runs has a value in both runs" if comparison.paired else ""
         notes.insert(0, both or f"no run of {' and '.join(empty)} has a value")
     elif p < SIGNIFICANCE_LEVEL:
-        verdict = _find_verdict(better, comparison)
+        verdict = DIFFERS
+        if better in (GREATER, SMALLER) and comparison.after != comparison.before:
+            is_better = (comparison.after > comparison.before) == (better == GREATER)
+            verdict = BETTER if is_better else WORSE
     else:
         verdict = CHANCE
         if comparison.least_p >= SIGNIFICANCE_LEVEL:
@@ -201,41 +226,6 @@ def _judge(difference: Difference, p: float, better: str) -> Difference:
         elif comparison.before == comparison.after and comparison.p == 1.0:
             notes.insert(0, "no difference")
     return replace(difference, p=p, verdict=verdict, note="; ".join(notes))
-
-
-def describe_differences(
-    differences: Sequence[Difference], is_verbose: bool, limit: int | None = None
-) -> str:
-    """Return the significant differences as text, sorted by p-value, and the number of comparisons.
-
-    is_verbose: whether to list all differences.
-    limit: maximum number of differences that are listed; None: no limit.
-    """
-    significant = [d for d in differences if d.is_significant]
-    untested = [d for d in differences if d.verdict == UNTESTED]
-    tested = len(differences) - len(untested)
-    listed = list(differences) if is_verbose else sorted(significant, key=lambda d: d.p)
-    lines = [_describe_difference(d) for d in listed[:limit]]
-    lines += [f"… and {len(listed) - len(lines)} more"] if len(listed) > len(lines) else []
-    lines.append(
-        f"{len(significant)} of {tested} differences are significant (Holm, "
-        f"α = {SIGNIFICANCE_LEVEL:g})"
-    )
-    weak = [d for d in differences
-            if d.verdict == CHANCE and d.comparison.least_p >= SIGNIFICANCE_LEVEL]
-    if weak:
-        lines.append(
-            f"{len(weak)} of these differences have too few runs to be significant: repeat each "
-            "setting more often (`repeats`), or compare larger groups (`by`)"
-        )
-    if untested:
-        names = ", ".join(dict.fromkeys(d.metric for d in untested))
-        lines.append(f"{len(untested)} differences of {names} are not tested, because one of the "
-                     "compared groups has no values")  # fmt: skip
-    if not is_verbose:
-        notes = dict.fromkeys(d.note for d in significant if d.note)
-        lines += [f"Note: {note}" for note in notes]
-    return "\n".join(lines)
 
 
 def _describe_difference(d: Difference) -> str:
@@ -379,9 +369,3 @@ def _describe_confounding(one: _Sample, two: _Sample, between: str) -> str:
             shown = [min(v) if len(v) == 1 else "several values" for v in values]
             found.append(f"{key} ({shown[0]}, {shown[1]})")
     return f"the compared runs also differ in {', '.join(found)}" if found else ""
-
-
-def _find_verdict(better: str, comparison: Comparison) -> str:
-    if better not in (GREATER, SMALLER) or comparison.after == comparison.before:
-        return DIFFERS
-    return BETTER if (comparison.after > comparison.before) == (better == GREATER) else WORSE

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import jinja2
 import pyarrow as pa
 import yaml
 
@@ -14,20 +15,9 @@ from . import image_table
 from .study_folder import PARTS, TRACES, StudyFolder
 
 CARD_FILE = "README.md"
+TEMPLATE = Path(__file__).with_name("data_card.md.jinja")
 _TYPE_NAMES = {pa.int64(): "whole number", pa.float64(): "number", pa.string(): "text",
-          pa.binary(): "bytes", pa.list_(pa.float64()): "list of numbers"}  # fmt: skip
-_PANDAS = """\
-import cv2, numpy, pandas
-runs = pandas.read_parquet("{parts}").set_index("run")
-images = pandas.read_parquet("{traces}")
-picture = cv2.imdecode(numpy.frombuffer(images.{picture}[0], numpy.uint8), cv2.IMREAD_UNCHANGED)
-images["outcome"] = runs.outcome[images.run].to_numpy()"""
-_PYTORCH = """\
-import cv2, numpy, pandas, torch
-images = pandas.read_parquet("{traces}", columns=["{picture}", "desired_twist"])
-grey = [cv2.imdecode(numpy.frombuffer(png, numpy.uint8), 0) for png in images.{picture}]
-x, y = torch.from_numpy(numpy.stack(grey)), torch.from_numpy(numpy.stack(images.desired_twist))
-pairs = torch.utils.data.TensorDataset(x, y)"""
+               pa.binary(): "bytes", pa.list_(pa.float64()): "list of numbers"}  # fmt: skip
 
 
 def write_card(folder: StudyFolder) -> Path:
@@ -47,34 +37,17 @@ def make_card(folder: StudyFolder) -> str:
     columns = image_table.list_columns(study)
     image_column = next((name for name in columns if name.startswith("picture")), "")
     image_count = int(sum(table["images"].to_pylist()))
-    lines = [
-        f"# {folder.path.resolve().name}", "",
-        f"{format_count(table.num_rows, 'run')}, {format_count(image_count, 'image')} of visual "
-        "servoing, simulated "
-        f"by `{find_command()} dataset`. "
-        + ("Each run ends with its first image, so the images are views from the study's starts."
-           if study.pictures == "first" else
-           "The data set contains every image that the control loop processed."), "",
-        "Outcomes: " + ", ".join(f"{one['values']} {one['counts']}" for one in outcomes) + ".", "",
-        "## Files", "",
-        f"- `{PARTS}/*.parquet`: one row per run: settings, seed, outcome, reason, metrics",
-        f"- `{TRACES}/*.parquet`: one row per image, with the columns below",
-        "- `study.yaml`: the study; the same file and code give bit-identical results",
-        "- `manifest.json`: versions, and the SHA-256 of every part", "",
-        "## Columns of an image", "", "| column | type | content |", "|---|---|---|",
-        *(f"| {name} | {_TYPE_NAMES[one.kind]} | {one.meaning} |" for name, one in columns.items()),
-        "",
-        "## Cameras", "", *_describe_cameras(folder), "",
-    ]  # fmt: skip
-    if image_column:
-        words = {"parts": PARTS, "traces": TRACES, "picture": image_column}
-        lines += ["## Reading the data", "", "With pandas, in this folder:", "", "```python",
-                  _PANDAS.format(**words), "```", "", "With PyTorch:", "", "```python",
-                  _PYTORCH.format(**words), "```", ""]  # fmt: skip
-    text = yaml.safe_dump(study.to_mapping(), sort_keys=False)
-    lines += ["## Study", "", "```yaml", text.rstrip(), "```", "",
-              f"Code {folder.labels['code']}; {folder.labels['versions']}.", ""]  # fmt: skip
-    return "\n".join(lines)
+    template = jinja2.Template(
+        TEMPLATE.read_text(encoding="utf-8"), trim_blocks=True, keep_trailing_newline=True
+    )
+    return template.render(
+        name=folder.path.resolve().name, runs=format_count(table.num_rows, "run"),
+        images=format_count(image_count, "image"), command=find_command(), study=study,
+        outcomes=", ".join(f"{one['values']} {one['counts']}" for one in outcomes),
+        parts=PARTS, traces=TRACES, columns=columns, type_names=_TYPE_NAMES,
+        cameras=_describe_cameras(folder), picture=image_column,
+        yaml=yaml.safe_dump(study.to_mapping(), sort_keys=False).rstrip(), labels=folder.labels,
+    )  # fmt: skip
 
 
 def _describe_cameras(folder: StudyFolder) -> list[str]:

@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import shutil
 from bisect import bisect_right
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -33,43 +31,33 @@ DEPTH_STEP = 1e-4  # m
 _FARTHEST = np.iinfo(np.uint16).max * DEPTH_STEP
 NUMBERS_BYTES = 600  # approximate size of a row without its images, bytes
 TIME_TOLERANCE = 1e-9  # s
-_LIST = pa.list_(pa.float64())
 
 
-@dataclass(frozen=True)
-class ImageTableColumn:
-    """Column of the table of images.
-
-    kind: type of the values.
-    meaning: description of the values, with unit and frame."""
+class ImageTableColumn(NamedTuple):
+    """Column of the table of images: type of the values, and their meaning with unit and frame."""
 
     kind: pa.DataType
     meaning: str
 
 
-NUMBER_COLUMNS: Mapping[str, ImageTableColumn] = {
+NUMBER_COLUMNS = {
     "run": ImageTableColumn(pa.int64(), "number of the run, as in parts/"),
     "image": ImageTableColumn(pa.int64(), "number of the image in its run, from 0"),
     "stamp": ImageTableColumn(pa.float64(), "time of the exposure, s of simulated time"),
     "phase": ImageTableColumn(pa.string(), "phase of the control loop"),
-    "features": ImageTableColumn(_LIST, "measured features s; NaN without a measurement"),
-    "error": ImageTableColumn(_LIST, "s - s*"),
-    "desired_twist": ImageTableColumn(
-        _LIST, "camera twist (6) that the scheme commands, in the optical "
-        "frame, m/s and rad/s"),
-    "achieved_twist": ImageTableColumn(
-        _LIST, "camera twist (6) that the commanded joint velocities "
-        "produce, in the optical frame, m/s and rad/s"),
-    "joints": ImageTableColumn(_LIST, "joint positions measured at the exposure, rad or m"),
-    "pose": ImageTableColumn(
-        _LIST, "true world_T_camera at the exposure (16), 4 x 4 row by row, m"
-    ),
-    "camera_T_goal": ImageTableColumn(
-        _LIST, "true camera_T_goal (16), the goal pose of the camera in its "
-        "present frame, 4 x 4 row by row, m"),
-    "camera_T_target": ImageTableColumn(
-        _LIST, "true pose of the target in the camera's frame (16), 4 x 4 "
-        "row by row"),
+    **{name: ImageTableColumn(pa.list_(pa.float64()), meaning) for name, meaning in {
+        "features": "measured features s; NaN without a measurement",
+        "error": "s - s*",
+        "desired_twist": "camera twist (6) that the scheme commands, in the optical frame, m/s and "
+                         "rad/s",
+        "achieved_twist": "camera twist (6) that the commanded joint velocities produce, in the "
+                          "optical frame, m/s and rad/s",
+        "joints": "joint positions measured at the exposure, rad or m",
+        "pose": "true world_T_camera at the exposure (16), 4 x 4 row by row, m",
+        "camera_T_goal": "true camera_T_goal (16), the goal pose of the camera in its present "
+                         "frame, 4 x 4 row by row, m",
+        "camera_T_target": "true pose of the target in the camera's frame (16), 4 x 4 row by row",
+    }.items()},
 }  # fmt: skip
 
 

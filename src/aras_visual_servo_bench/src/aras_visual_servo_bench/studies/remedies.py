@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -153,9 +153,9 @@ def _scale_start(experiment: Experiment, factor: float) -> Experiment:
             return experiment.with_changes(start=_scale_sampler(experiment.start, parts, factor))
         if experiment.plant in FREE_CAMERA_PLANTS:
             offset = logarithm(relative_pose(parts.goal_pose, parts.plant.read_pose()))
-            return experiment.with_changes(
-                start=_make_camera_pose(parts.goal_pose @ exponential(factor * offset))
-            )
+            xyz, rpy = xyz_rpy_from_matrix(parts.goal_pose @ exponential(factor * offset))
+            pose = CameraPoseSpec((*map(float, xyz), *map(float, rpy)))
+            return experiment.with_changes(start=pose)
         first = np.array(parts.plant.read_joints()[0])
         goal = parts.postures.arm.inverse_kinematics(parts.goal_pose, first, REACH_TOLERANCE)
         return experiment.with_changes(start=tuple((goal + factor * (first - goal)).tolist()))
@@ -170,9 +170,9 @@ def _scale_sampler(sampler: RandomStart, parts: Assembly, factor: float) -> Rand
     target = parts.target.world_T_target(0.0)
     goal_height = float(parts.goal_pose[2, 3] - target[2, 3])
     low, high = (goal_height + factor * (height - goal_height) for height in sampler.height)
-    return RandomStart(
-        (low, high), factor * sampler.side, factor * sampler.turn, factor * sampler.tilt,
-        sampler.margin, sampler.attempts,
+    return replace(
+        sampler, height=(low, high), side=factor * sampler.side, turn=factor * sampler.turn,
+        tilt=factor * sampler.tilt,
     )  # fmt: skip
 
 
@@ -195,11 +195,6 @@ def _scale_goal(experiment: Experiment, factor: float) -> Experiment:
         raise ExperimentError(f"goal: {error}") from error
     finally:
         parts.plant.close()
-
-
-def _make_camera_pose(world_T_camera: np.ndarray) -> CameraPoseSpec:
-    xyz, rpy = xyz_rpy_from_matrix(world_T_camera)
-    return CameraPoseSpec((*map(float, xyz), *map(float, rpy)))
 
 
 SCALE_FUNCTIONS = {"target.size": _scale_target, "start": _scale_start, "goal": _scale_goal}

@@ -20,7 +20,7 @@ from ..errors import StudyError, catch_write_errors
 from ..experiment.experiment_keys import find_unit
 from ..metrics import metrics
 from ..metrics.formatting import format_count, format_rows
-from ..metrics.metrics import Metric
+from ..metrics.metric import GREATER, Metric
 from ..metrics.run_tables import import_pandas
 from . import run_rows
 from . import study_folder as folders
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 SHOWN_ENDS = 4  # largest number of different outcomes that the text of a Results object lists
 REAL_TIME_MULTIPLE = Metric(
-    "real_time_multiple", "", metrics.GREATER,
+    "real_time_multiple", "", GREATER,
     "simulated time divided by the worker's wall time; stored in a separate file",
     lambda finished: float("nan"),
 )  # fmt: skip
@@ -154,7 +154,7 @@ class Results:
         """Test for significant differences from another study, or between cases of this study.
 
         Runs are paired if their seeds and the settings that are not compared are equal; p-values
-        are corrected for the number of comparisons by Holm's method. `find_differences` describes
+        are corrected for the number of comparisons by Holm's method. `compare_studies` describes
         the tests.
 
         Args:
@@ -262,14 +262,6 @@ class Results:
             return (self.read_numbers(judged) == 1.0).astype(float)
         is_failure = pc.is_in(self._find_column("outcome"), pa.array(run_rows.FAILURES))
         return _to_numbers(pc.invert(is_failure))
-
-    def describe_ends(self) -> list[str]:
-        """Return the outcome of each run, as text.
-
-        The outcome of a converged run is followed by its verdict: whether the camera is really at
-        its goal.
-        """
-        return self.make_end_column().to_pylist()
 
     def make_end_column(self) -> pa.ChunkedArray:
         """Return a text column with the outcome of each run.

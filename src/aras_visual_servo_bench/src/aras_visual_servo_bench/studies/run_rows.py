@@ -29,7 +29,6 @@ from ..setup.assembly import assemble
 from . import image_table
 from .columns import FIXED_COLUMNS, find_column_name
 from .study import Study
-from .variations import RandomVariation, VariationAxis
 
 # Outcomes that do not come from the control loop: the settings were refused, an error was raised,
 # the process of the run died, the run exceeded its time limit.
@@ -220,22 +219,15 @@ def _find_type(study: Study, key: str) -> pa.DataType:
     if key in study.case_axes:
         return pa.string()
     values: list[Any] = [case.set[key] for case in study.combinations if key in case.set]
-    for varied in (*study.axes, *study.random_variations):
+    values += [value for axis in study.axes if axis.key == key for value in axis.values]
+    for varied in study.random_variations:
         if varied.key == key:
-            values += _list_values(varied)
+            values += [*varied.ends, varied.value(0.4)]
     cells = [_to_cell(value) for value in values if value is not None]
     for kinds, kind in (((bool,), pa.bool_()), ((int,), pa.int64()), ((int, float), pa.float64())):
         if all(isinstance(c, kinds) and (kinds == (bool,)) >= isinstance(c, bool) for c in cells):
             return kind
     return pa.string()
-
-
-def _list_values(variations: VariationAxis | RandomVariation) -> tuple[Any, ...]:
-    return (
-        variations.values
-        if isinstance(variations, VariationAxis)
-        else (*variations.ends, variations.value(0.4))
-    )
 
 
 def _to_cell(value: Any) -> Any:

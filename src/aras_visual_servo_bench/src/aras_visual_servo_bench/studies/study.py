@@ -10,19 +10,16 @@ import dataclasses
 import hashlib
 import json
 import math
-import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from aras_visual_servo_base.lazy_imports import import_later
 from aras_visual_servo_base.memory import ByteLimitedCache
 from aras_visual_servo_base.names import suggest
-from aras_visual_servo_base.settings import SettingsBase, build, check, convert, parameter
+from aras_visual_servo_base.settings import SettingsBase, build, check, parameter
 from aras_visual_servo_base.yaml_files import read_yaml
 
 from ..errors import ExperimentError, StudyError
@@ -32,7 +29,8 @@ from ..experiment.overrides import with_override, with_overrides
 from ..metrics import metrics as known_metrics
 from ..metrics.formatting import format_count, format_rows
 from .columns import check_columns
-from .variations import RandomVariation, VariationAxis, draw_values, parse_variation
+from .variation_case import Combination, VariationCase, combine_axes, parse_axes
+from .variations import RandomVariation, VariationAxis, derive_seed, draw_values, parse_variation
 
 if TYPE_CHECKING:
     from ..setup.run_setup import GoalImages
@@ -42,45 +40,8 @@ MAX_RUNS = 100_000_000
 MAX_CHUNK = 10_000
 GOAL_IMAGE_BYTES = 20_000_000  # memory for the images of goals in each process
 IMAGE_CHUNK = 4  # maximum number of runs per chunk if images are stored, which need much memory
-IMAGE_CHOICES = ("none", "first", "all")
-SAMPLINGS, SEEDS = ("random", "sobol"), ("runs", "repeats", "counted")
 # Keys of a study that describe its results and do not change its runs.
 DESCRIPTIVE_KEYS = ("source", "chosen", "judged")
-
-
-@dataclass(frozen=True)
-class VariationCase:
-    """Case of a named axis, that is, one of the sets of settings that the axis contains.
-
-    name: name of the case.
-    set: settings of the case: values by dotted key of the experiment.
-    published: published values, by the name of a metric, 'outcome' or 'verdict'. A text or a whole
-        number must agree exactly, another number within 1 %; [minimum, maximum] is a range.
-    elsewhere: results that other publications report for similar cases, as text, by the names of
-        the cases of the other axes; for information only.
-    cases: axes of cases; in combinations with this case, they replace the study's axes of the same
-        names.
-    """
-
-    name: str = parameter(name=True)
-    set: Mapping[str, Any] = parameter({})
-    published: Mapping[str, Any] = parameter({})
-    elsewhere: Mapping[str, Any] = parameter({})
-    cases: Mapping[str, Any] = parameter({})
-
-
-@dataclass(frozen=True)
-class Combination:
-    """Combination of one case of each axis.
-
-    names: name of the chosen case, by the name of its axis.
-    set: settings of all these cases, by dotted key.
-    published: values that publications report for these cases, by the name of the column.
-    """
-
-    names: Mapping[str, str]
-    set: Mapping[str, Any]
-    published: Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -121,15 +82,15 @@ class Study(SettingsBase):
     vary: Mapping[str, Any] = parameter({})
     cases: tuple[Mapping[str, Any], ...] | Mapping[str, Any] = ()
     samples: int = parameter(1, least=1)
-    sampling: str = parameter("random", choices=SAMPLINGS)
+    sampling: str = parameter("random", choices=("random", "sobol"))
     repeats: int = parameter(1, least=1)
     seed: int = parameter(0, least=0)
-    seeds: str = parameter("runs", choices=SEEDS)
+    seeds: str = parameter("runs", choices=("runs", "repeats", "counted"))
     metrics: tuple[str, ...] = ()
     judged: str = known_metrics.success.name
     chunk: int | None = parameter(None, "runs", least=1, most=MAX_CHUNK)
     traces: bool = False
-    pictures: str = parameter("none", choices=IMAGE_CHOICES)
+    pictures: str = parameter("none", choices=("none", "first", "all"))
     depth: bool = False
     limit: float = parameter(900.0, "s", above=0.0)
     source: str = ""
@@ -150,15 +111,11 @@ class Study(SettingsBase):
                 "seed belongs to the study, not to its experiment, because every run has its own "
                 "seed: move seed out of experiment"
             )
-        for key in RENAMED_KEYS:
-            if key in self.experiment:
-                check_key(key)
-        for key in self.keys:
-            if key not in self.case_axes:
-                check_key(key)
-        for combination in self.combinations:
-            for key in combination.set:
-                check_key(key)
+        renamed = [key for key in RENAMED_KEYS if key in self.experiment]
+        varied = [key for key in self.keys if key not in self.case_axes]
+        settings = [key for combination in self.combinations for key in combination.set]
+        for key in (*renamed, *varied, *settings):
+            check_key(key)
         if self.samples > 1 and not self.random_variations:
             raise StudyError(
                 f"samples is {self.samples}, but no key has a distribution: set repeats instead, "
@@ -223,8 +180,8 @@ class Study(SettingsBase):
         # there, to the current folder.
         if isinstance(base, str):
             sibling = Path(path).parent / base
-            content = read_yaml(sibling if sibling.is_file() else base, StudyError)
-            values["experiment"] = content or {}
+            file = sibling if sibling.is_file() else base
+            values["experiment"] = read_yaml(file, StudyError) or {}
         return cls.from_mapping(_apply_overrides(values, overrides or {}))
 
     def to_mapping(self) -> dict[str, Any]:
@@ -248,8 +205,7 @@ class Study(SettingsBase):
     def digest(self) -> str:
         """Digest of the settings that determine the runs; the layout of the file has no effect."""
         settings = {k: v for k, v in self.to_mapping().items() if k not in DESCRIPTIVE_KEYS}
-        text = json.dumps(settings, sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()
+        return hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()
 
     def run(
         self, path: str | Path | None = None, progress: bool = True, workers: int = 1
@@ -272,12 +228,7 @@ class Study(SettingsBase):
                 traces; the folder contains another study; or the study was started with other code.
         """
         run_study = import_later("aras_visual_servo_bench.studies.run_study:run_study")
-        if path is not None:
-            return run_study(self, path, workers, progress)
-        if self.has_image_rows:
-            raise StudyError("traces and pictures need an output folder: give path")
-        with tempfile.TemporaryDirectory(prefix="study_") as folder:
-            return dataclasses.replace(run_study(self, folder, workers, progress), name="study")
+        return run_study(self, path, workers, progress)
 
     @cached_property
     def _variations(self) -> tuple[VariationAxis | RandomVariation, ...]:
@@ -296,13 +247,13 @@ class Study(SettingsBase):
     @cached_property
     def case_axes(self) -> dict[str, tuple[VariationCase, ...]]:
         """Cases of each named axis, by the name of the axis; {} if there are no named axes."""
-        return _parse_axes(self.cases) if isinstance(self.cases, Mapping) else {}
+        return parse_axes(self.cases) if isinstance(self.cases, Mapping) else {}
 
     @cached_property
     def combinations(self) -> tuple[Combination, ...]:
         """Combinations of cases, in order; without cases, a single combination without settings."""
         if isinstance(self.cases, Mapping):
-            return tuple(_combine_axes(self.case_axes))
+            return tuple(combine_axes(self.case_axes))
         return tuple(Combination({}, case, {}) for case in self.cases) or (Combination({}, {}, {}),)
 
     @cached_property
@@ -321,7 +272,8 @@ class Study(SettingsBase):
     @cached_property
     def metric_names(self) -> tuple[str, ...]:
         """Names of the metrics that are computed for each run."""
-        return self.metrics or known_metrics.list_default_metrics()
+        defaults = (name for name, one in known_metrics.METRICS.items() if one.default)
+        return self.metrics or tuple(defaults)
 
     @cached_property
     def point_count(self) -> int:
@@ -389,10 +341,7 @@ class Study(SettingsBase):
         """Compute the seed of a run from its number and the seed of the study."""
         if self.seeds == "counted":
             return self.seed + run % self.repeats
-        number = run % self.repeats if self.seeds == "repeats" else run
-        sequence = np.random.SeedSequence(self.seed, spawn_key=(number,))
-        # The seed has 63 bits. With 32 bits, two of 1e5 runs would probably have the same seed.
-        return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(1))
+        return derive_seed(self.seed, run % self.repeats if self.seeds == "repeats" else run)
 
     def make_experiment(self, run: int) -> Experiment:
         """Make the experiment of a run.
@@ -424,43 +373,6 @@ class Study(SettingsBase):
             return [self._build_experiment(settings, self.compute_seed(0)) for settings in trials]
         except ExperimentError as error:
             raise StudyError(str(error)) from error
-
-
-def _parse_axes(cases: Mapping[str, Any]) -> dict[str, tuple[VariationCase, ...]]:
-    """Parse named axes of cases.
-
-    Raises:
-        StudyError: an axis has no case, or two cases with the same name.
-    """
-    axes = {}
-    for axis, value in cases.items():
-        parsed = axes[str(axis)] = convert(
-            value, tuple[VariationCase, ...], f"cases.{axis}", StudyError
-        )
-        names = [case.name for case in parsed]
-        duplicates = [name for name in names if names.count(name) > 1]
-        if not names or duplicates:
-            problem = f"two cases are named '{duplicates[0]}'" if duplicates else "it has no case"
-            raise StudyError(f"cases.{axis}: {problem}")
-    return axes
-
-
-def _combine_axes(axes: Mapping[str, tuple[VariationCase, ...]]) -> Iterator[Combination]:
-    """Yield all combinations of cases; a case can replace the axes after its own by its `cases`."""
-    if not axes:
-        yield Combination({}, {}, {})
-        return
-    axis, *rest = axes
-    for case in axes[axis]:
-        own = _parse_axes(case.cases)
-        for key in own:
-            if key not in rest:
-                raise StudyError(f"cases.{axis}.{case.name}.cases: {suggest(key, rest)}")
-        for others in _combine_axes({key: own.get(key, axes[key]) for key in rest}):
-            yield Combination(
-                {axis: case.name, **others.names}, {**case.set, **others.set},
-                {**case.published, **others.published},
-            )  # fmt: skip
 
 
 def _apply_overrides(values: dict[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:

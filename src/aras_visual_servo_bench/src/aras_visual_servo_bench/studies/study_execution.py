@@ -143,7 +143,7 @@ def run_missing(
             if not running:
                 break
             task, chunk_rows = pool.wait_for_chunk()
-            # the worker has died, so repeat this chunk with a separate process for each run
+            # the worker has died, so the pool repeats this chunk in child processes
             if chunk_rows is None:
                 pool.submit(task)
                 continue

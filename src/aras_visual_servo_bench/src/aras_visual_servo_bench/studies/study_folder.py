@@ -215,11 +215,8 @@ class StudyFolder:
         folder = self.path / PARTS
         stored = {int(p.stem) for p in folder.glob("*.parquet")} if folder.is_dir() else set()
         sums = self._read_checksums()
-        return [
-            c
-            for c in range(self.study.chunk_count)
-            if c not in stored or not self._is_complete(c, sums)
-        ]
+        chunks = range(self.study.chunk_count)
+        return [c for c in chunks if c not in stored or not self._is_complete(c, sums)]
 
     def write_chunk(self, chunk: int, chunk_rows: run_rows.RunRows) -> None:
         """Write the rows of a chunk of runs.
@@ -273,19 +270,11 @@ class StudyFolder:
         for path in paths:
             try:
                 stat = path.stat()
-                if not path.is_file():
-                    raise StudyError(f"{path} is missing or not a file: resume the study")
                 mark = (stat.st_mtime_ns, stat.st_size)
-                if path in self._cached_tables and self._cached_tables[path][0] == mark:
-                    tables.append(self._cached_tables[path][1])
-                    continue
-                data = path.read_bytes()
-                if kind in self._stable_kinds and hashlib.sha256(data).hexdigest() != sums.get(
-                    self._find_name(path)
-                ):
-                    raise StudyError(f"{path} was changed since it was written: resume the study")
-                tables.append(pq.read_table(pa.BufferReader(data)))
-                self._cached_tables[path] = (mark, tables[-1])
+                if self._cached_tables.get(path, (None,))[0] != mark:
+                    data = self._read_file(path, kind, sums)
+                    self._cached_tables[path] = (mark, pq.read_table(pa.BufferReader(data)))
+                tables.append(self._cached_tables[path][1])
             except (OSError, pa.ArrowException) as error:
                 why = read_first_line(error)
                 raise StudyError(f"cannot read {path}: {why}; resume the study") from None
@@ -302,18 +291,30 @@ class StudyFolder:
 
     def _read_checksums(self) -> dict[str, str]:
         """Return the last recorded hash of each file, by file name."""
+        file = self.path / CHECKSUM_FILE
         try:
-            lines = (
-                (self.path / CHECKSUM_FILE)
-                .read_text(encoding="utf-8", errors="replace")
-                .splitlines()
-            )
+            lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
         except FileNotFoundError:
             return {}
         except OSError as error:
-            raise StudyError(f"cannot read {self.path / CHECKSUM_FILE}: {error.strerror}") from None
+            raise StudyError(f"cannot read {file}: {error.strerror}") from None
         pairs = (line.split("  ", 1) for line in lines if "  " in line)
         return {name: checksum for checksum, name in pairs}
+
+    def _read_file(self, path: Path, kind: str, sums: Mapping[str, str]) -> bytes:
+        """Return the content of a result file.
+
+        Raises:
+            StudyError: the file is missing, or does not have its recorded hash.
+        """
+        # is_file() is False for a pipe, from which reading might never end
+        if not path.is_file():
+            raise StudyError(f"{path} is missing or not a file: resume the study")
+        data = path.read_bytes()
+        name = self._find_name(path)
+        if kind in self._stable_kinds and hashlib.sha256(data).hexdigest() != sums.get(name):
+            raise StudyError(f"{path} was changed since it was written: resume the study")
+        return data
 
     def _is_complete(self, chunk: int, sums: Mapping[str, str]) -> bool:
         """Return True if the files of a chunk have the recorded hashes and contain all of its runs.
@@ -323,21 +324,12 @@ class StudyFolder:
             sums: recorded hashes, by file name.
         """
         try:
-            for kind in self._stable_kinds:
-                path = self.find_part(chunk, kind)
-                # is_file() is False for a pipe, from which reading might never end
-                if not path.is_file():
-                    return False
-                data = path.read_bytes()
-                if hashlib.sha256(data).hexdigest() != sums.get(self._find_name(path)):
-                    return False
-                if kind == PARTS:
-                    runs = pq.read_table(pa.BufferReader(data), columns=["run"])["run"]
-                    if runs.to_pylist() != list(self.study.list_chunk_runs(chunk)):
-                        return False
-        except (OSError, pa.ArrowException):
+            data = {kind: self._read_file(self.find_part(chunk, kind), kind, sums)
+                    for kind in self._stable_kinds}  # fmt: skip
+            runs = pq.read_table(pa.BufferReader(data[PARTS]), columns=["run"])["run"]
+        except (OSError, pa.ArrowException, StudyError):
             return False
-        return True
+        return runs.to_pylist() == list(self.study.list_chunk_runs(chunk))
 
     def _write_table(self, kind: str, chunk: int, table: pa.Table) -> None:
         sink = pa.BufferOutputStream()

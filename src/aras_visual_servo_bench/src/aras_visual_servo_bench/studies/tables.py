@@ -96,8 +96,7 @@ def make_table(
     names = (("study",) if many else ()) + keys
     has_distance = all(final_distance.name in r.table.column_names for r in all_results)
     beside = (final_distance,) if has_distance else ()
-    beside_names = {m.name for m in beside}
-    chosen = [m for m in first.select_metrics(metrics) if m.name not in beside_names]
+    chosen = [m for m in first.select_metrics(metrics) if m not in beside]
     columns = [
         StatisticColumn(success.name, "", RATE),
         *(StatisticColumn(m.name, m.unit, QUARTILES) for m in beside),
@@ -105,11 +104,8 @@ def make_table(
     ]
     lines, failures = [], []
     for results in all_results:
-        successes, own_ends, reasons = (
-            results.compute_successes(),
-            results.describe_ends(),
-            results.read_column("reason"),
-        )
+        successes = results.compute_successes()
+        own_ends, reasons = results.make_end_column().to_pylist(), results.read_column("reason")
         numbers = [successes, *(results.read_values(m) for m in (*beside, *chosen))]
         for values, rows in results.group_rows(keys).items():
             label = ((results.name,) if many else ()) + values
@@ -159,19 +155,6 @@ def format_table(table: Table, style: str) -> str:
     return {"md": _format_markdown, "csv": _format_csv, "tex": _format_latex}[style](table)
 
 
-def _make_headings(table: Table, units: Sequence[tuple[str, float]]) -> list[str]:
-    keys = [format_heading(key, find_unit(key)) for key in table.keys]
-    measured = [format_heading(column.heading, unit)
-                for column, (unit, _) in zip(table.measured, units, strict=True)]  # fmt: skip
-    return [*keys, "runs", *measured]
-
-
-def _list_numbers(table: Table) -> list[list[float]]:
-    """Return, for each column of estimates, the estimates and the bounds of their intervals."""
-    columns = zip(*(estimates for *_, estimates in table.rows), strict=True)
-    return [[n for e in column for n in (e.value, e.low, e.high)] for column in columns]
-
-
 # Function that makes the text of a cell from the texts of a value and of the lower and upper bound
 # of its confidence interval; the bounds are None if there is no interval.
 IntervalFormat = Callable[[str, str | None, str | None], str]
@@ -187,15 +170,19 @@ def _format_cells(table: Table, interval: IntervalFormat, none: str) -> list[lis
         interval: function that makes the text of a value with its confidence interval.
         none: text of a missing value.
     """
-    numbers = _list_numbers(table)
-    units = [choose_unit(column.unit, own)
-             for column, own in zip(table.measured, numbers, strict=True)]  # fmt: skip
-    formats = [make_number_format([n / size for n in own])
-               for (_, size), own in zip(units, numbers, strict=True)]  # fmt: skip
-    lines = [_make_headings(table, units)]
+    headings, formats, sizes = [], [], []
+    columns = zip(*(estimates for *_, estimates in table.rows), strict=True)
+    for column, estimates in zip(table.measured, columns, strict=True):
+        numbers = [number for e in estimates for number in (e.value, e.low, e.high)]
+        unit, size = choose_unit(column.unit, numbers)
+        headings.append(format_heading(column.heading, unit))
+        formats.append(make_number_format([number / size for number in numbers]))
+        sizes.append(size)
+    keys = [format_heading(key, find_unit(key)) for key in table.keys]
+    lines = [[*keys, "runs", *headings]]
     for values, count, estimates in table.rows:
         cells = []
-        for text, (_, size), e in zip(formats, units, estimates, strict=True):
+        for text, size, e in zip(formats, sizes, estimates, strict=True):
             if not e.count or np.isnan(e.value):
                 cells.append(none)
             elif np.isnan(e.low):

@@ -22,7 +22,7 @@ from scipy.stats import qmc
 from ..errors import StudyError
 from ..experiment.experiment_keys import check_key
 from ..metrics import metrics as known_metrics
-from ..metrics.metrics import GREATER, Metric
+from ..metrics.metric import GREATER, Metric
 from .results import Results
 from .study import Study
 

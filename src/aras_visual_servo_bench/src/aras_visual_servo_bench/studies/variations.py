@@ -163,6 +163,18 @@ _PARSERS: dict[str, Callable[[str, str, Any], VariationAxis | RandomVariation]] 
 }
 
 
+def derive_seed(entropy: int, number: int) -> int:
+    """Derive the seed of a run or a repeat.
+
+    Args:
+        entropy: seed of the study.
+        number: number of the run or the repeat.
+    """
+    state = np.random.SeedSequence(entropy, spawn_key=(number,)).generate_state(1, np.uint64)
+    # The seed has 63 bits. With 32 bits, two of 1e5 runs would probably have the same seed.
+    return int(state[0] >> np.uint64(1))
+
+
 def draw_values(
     variations: Sequence[RandomVariation], sampling: str, entropy: int, sample: int
 ) -> dict[str, Any]:

@@ -6,10 +6,11 @@ import functools
 import hashlib
 import importlib.metadata
 import importlib.util
+import json
 import platform
 import re
 import subprocess
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,8 @@ SOURCE_SUFFIXES = (
     ".py", ".yaml", ".urdf", ".world", ".dae", ".glb", ".gltf", ".stl", ".obj", ".mtl", ".png",
     ".npz",
 )  # fmt: skip
-CLASS_PATH = re.compile(r"([A-Za-z_]\w*(?:\.\w+)*):[A-Za-z_]\w*")  # package.module:Class
+# text "package.module:Class" in JSON; the group is the module
+CLASS_PATH = re.compile(r'"([A-Za-z_]\w*(?:\.\w+)*):[A-Za-z_]\w*"')
 # libraries whose version can change the numbers of a run
 LIBRARIES = ("numpy", "scipy", "numba", "pin", "pybullet", "opencv-python-headless", "pyarrow")
 UNKNOWN = "unknown"
@@ -80,23 +82,8 @@ def read_versions() -> dict[str, str]:
 
 def read_study_versions(study: Mapping[str, Any]) -> dict[str, str]:
     """Return the versions, and a digest of each user module that the settings of a study name."""
-    versions = dict(read_versions())
-    for module in sorted(
-        {match[1] for word in _collect_strings(study) if (match := CLASS_PATH.fullmatch(word))}
-    ):
-        versions[module] = _digest_module(module)
-    return versions
-
-
-def _collect_strings(value: Any) -> Iterator[str]:
-    if isinstance(value, str):
-        yield value
-    elif isinstance(value, Mapping):
-        for inner in value.values():
-            yield from _collect_strings(inner)
-    elif isinstance(value, list | tuple):
-        for inner in value:
-            yield from _collect_strings(inner)
+    modules = sorted(set(CLASS_PATH.findall(json.dumps(study, ensure_ascii=False))))
+    return {**read_versions(), **{module: _digest_module(module) for module in modules}}
 
 
 def _digest_module(name: str) -> str:

@@ -105,18 +105,9 @@ def place_on_image_plane(border: np.ndarray, points: np.ndarray, size: float) ->
     Returns:
         Points (n, 3) in the camera's frame, m.
     """
-    depth = compute_image_depth(border, size)
+    depth = size / float(np.sqrt(1.0 + (border**2).sum(axis=1).max()))
     points = np.asarray(points, float).reshape(-1, 2)
     return depth * np.column_stack([points, np.ones(len(points))])
-
-
-def compute_image_depth(border: np.ndarray, size: float) -> float:
-    """Return the distance, m, of the drawn image plane from the optical centre.
-
-    border: (n, 2) border of the image, from `compute_image_border`.
-    size: distance of the farthest corner of the drawn image from the optical centre, m.
-    """
-    return size / float(np.sqrt(1.0 + (border**2).sum(axis=1).max()))
 
 
 def make_frustum(

@@ -221,11 +221,8 @@ class RunDrawing:
         above = 0.5 * (words.count("\n") + 1)
         for line, (text, colour) in enumerate(LEGEND, 1):
             up = (0.0, 0.0, LINE_HEIGHT * (above + line))
-            shapes.append(
-                DrawingShape(
-                    f"legend {text}", TEXT, place + up, (*colour, 1.0), LETTER_HEIGHT, text
-                )
-            )
+            shapes.append(DrawingShape(f"legend {text}", TEXT, place + up, (*colour, 1.0),
+                                       LETTER_HEIGHT, text))  # fmt: skip
         return shapes
 
     def _find_image_border(self) -> np.ndarray | None:
@@ -244,9 +241,8 @@ class RunDrawing:
         outline = self.outline
         if len(outline):
             closed = place_on_image_plane(border, np.vstack([outline, outline[:1]]), FRUSTUM_SIZE)
-            shapes.append(self._make_line("desired outline", transform_points(self._pose, closed),
-                (*GOAL, 1.0),
-                                     0.002))  # fmt: skip
+            points = transform_points(self._pose, closed)
+            shapes.append(self._make_line("desired outline", points, (*GOAL, 1.0), 0.002))
         for name, track in self._trajectories.items():
             points = transform_points(
                 self._pose, place_on_image_plane(border, track.points, FRUSTUM_SIZE)

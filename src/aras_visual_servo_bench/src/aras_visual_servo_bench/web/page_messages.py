@@ -6,7 +6,7 @@ A message is a JSON object with the name and the fields of a request.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection
 from typing import Any
 
 from aras_visual_servo_base.names import suggest
@@ -18,13 +18,13 @@ MAX_BYTES = 4096  # default limit for the length of a message, characters
 
 
 def read_message(
-    text: str | bytes, requests: Mapping[str, type], max_bytes: int = MAX_BYTES
+    text: str | bytes, requests: Collection[str], max_bytes: int = MAX_BYTES
 ) -> tuple[str, dict[str, Any]]:
     """Return the name of the request and its fields from a message {"do": NAME, FIELD: VALUE, ...}.
 
     Args:
         text: the message.
-        requests: types of all requests by name.
+        requests: names of all requests.
         max_bytes: largest length of the message, characters.
 
     Raises:

@@ -11,8 +11,7 @@ import errno
 import logging
 import socket
 import threading
-from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TypeVar
@@ -24,7 +23,9 @@ import tornado.web
 
 from ..errors import BenchError
 from .access import Access
+from .uplot import SCRIPT, STYLE, read_uplot
 
+LOCAL_ADDRESSES = ("127.0.0.1", "localhost", "::1")  # only this machine can connect to these
 MAX_PORTS = 20  # number of successive ports that are tried if ports are taken
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
@@ -71,41 +72,49 @@ def bind_free_port(host: str, port: int) -> tuple[list[socket.socket], str]:
                           "another port")  # fmt: skip
 
 
-class WebServer(ABC):
+class WebServer:
     """Base class of a web server that runs in its own thread until it is closed.
 
     Attributes:
         access: access rules of the server.
+        files: texts of the scripts and the style sheet of the page, by name.
         workers: threads for slow tasks.
     """
 
     index: Path  # HTML file of the page
+    # URL patterns and their handlers, in addition to those for the page and its files
+    routes: tuple[tuple[str, type[AuthorizedHandler]], ...]
     max_message_bytes = 65536  # largest length of a request, bytes
     is_compressed = True
 
-    def __init__(self, access: Access, sockets: list[socket.socket]) -> None:
+    def __init__(
+        self, access: Access, sockets: list[socket.socket], scripts: Iterable[Path], colours: str,
+        style: Path,
+    ) -> None:  # fmt: skip
         """Create a server.
 
         Args:
             access: access rules. Their host and port are those of the sockets.
             sockets: listening sockets, from `bind_free_port`.
+            scripts: scripts of the page.
+            colours: rules with the colours of the page, in CSS.
+            style: style sheet of the page.
+
+        Raises:
+            BenchError: the plotting library uPlot is not installed.
         """
         self.access = access
+        self.files = {
+            "uplot.js": read_uplot(SCRIPT),
+            "style.css": colours + read_uplot(STYLE) + style.read_text(encoding="utf-8"),
+            **{path.name: path.read_text(encoding="utf-8") for path in scripts},
+        }
         self.workers = ThreadPoolExecutor(4, "page")
         self._sockets = sockets
         self._ready = threading.Event()
         self._thread = threading.Thread(target=self._run, name="page", daemon=True)
         logging.getLogger("tornado.access").setLevel(logging.ERROR)
         logging.getLogger("tornado.general").setLevel(logging.ERROR)
-
-    @abstractmethod
-    def list_routes(self) -> list[tuple[str, type[AuthorizedHandler]]]:
-        """Return URL patterns and their handlers, in addition to those for the page and its files.
-        """
-
-    @abstractmethod
-    def find_page_file(self, name: str) -> str | None:
-        """Return the text of a script or style sheet of the page; None if it does not exist."""
 
     def start(self) -> None:
         """Start the server's thread."""
@@ -129,11 +138,7 @@ class WebServer(ABC):
         asyncio.set_event_loop(asyncio.new_event_loop())
         self._loop = tornado.ioloop.IOLoop.current()
         arguments = {"server": self}
-        routes = [
-            (r"/", IndexHandler),
-            *self.list_routes(),
-            (r"/([a-z]+\.(?:js|css))", PageFileHandler),
-        ]
+        routes = [(r"/", IndexHandler), *self.routes, (r"/([a-z]+\.(?:js|css))", PageFileHandler)]
         self._server = tornado.httpserver.HTTPServer(
             tornado.web.Application(
                 [(pattern, handler, arguments) for pattern, handler in routes],
@@ -221,28 +226,27 @@ class PageFileHandler(AuthorizedHandler):
         return self.server.access.token
 
     def get(self, name: str) -> None:
-        text = self.server.find_page_file(name)
-        if text is None:
+        if name not in self.server.files:
             self.send_not_found()
             return
         kind = CONTENT_TYPES[name.rpartition(".")[2]]
         self.set_header("Content-Type", f"{kind}; charset=utf-8")
-        self.finish(text)
+        self.finish(self.server.files[name])
 
 
 ServerT = TypeVar("ServerT", bound=WebServer)
 
 
 def start_server(
-    make_server: Callable[[Access, list[socket.socket]], ServerT], page_name: str, address: str,
-    port: int,
-    token: str = "", say: Callable[[str], None] = print,
+    make_server: Callable[[Access, list[socket.socket]], ServerT], page_name: str, risk: str,
+    address: str, port: int, token: str = "", say: Callable[[str], None] = print,
 ) -> ServerT:  # fmt: skip
     """Start a server on the first free port.
 
     Args:
         make_server: function that creates the server from its access rules and sockets.
         page_name: name of the page, for the message.
+        risk: what others can do who intercept the URL of the page.
         address: address on which the server listens.
         port: first port to try.
         token: token in the URL of the page; '' for a random token.
@@ -257,9 +261,7 @@ def start_server(
     server = make_server(access, sockets)
     server.start()
     say(f"{page_name} is at {access.address}" + (f" ({note})" if note else ""))
+    if address not in LOCAL_ADDRESSES:
+        say(f"{page_name} listens on {address} without encryption: anyone who intercepts its URL "
+            f"can {risk}")  # fmt: skip
     return server
-
-
-def is_local(address: str) -> bool:
-    """Return whether only this machine can connect to an address."""
-    return address in ("127.0.0.1", "localhost", "::1")

@@ -6,122 +6,30 @@ The answers can be encoded as JSON. Unknown values become null.
 from __future__ import annotations
 
 import base64
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+import scipy
 
 from aras_visual_servo_base.names import suggest
 from aras_visual_servo_base.setting_values import format_value
-from aras_visual_servo_base.settings import parameter
 
 from ...errors import StudyError
-from ...metrics.formatting import NEGLIGIBLE_DECADES, choose_unit
+from ...metrics.formatting import choose_unit
 from ...metrics.metrics import success
 from ...metrics.statistics import Estimate, proportion
+from .map_cells import divide_into_cells, is_number, to_json_value
+from .queries import ColumnFilter, GroupQuery, MapQuery, PointQuery, RowQuery, RunSelection
 from .studies import END, SETTING, STUDY, StudiesSnapshot
 
-OPERATORS = ("=", "≠", "<", "≤", ">", "≥", "contains", "is known", "is not known")
-# Largest number of rows, and of groups, in the answer to one query of the page.
-MAX_ROWS, MAX_GROUPS = 200, 200
+MAX_GROUPS = 200  # largest number of groups in the answer to one query of the page
 # largest number of distinct values of a column up to which the page lists all of them
 MAX_LISTED_VALUES = 60
-# largest number of distinct values of a column for which each value has its own cell of a map
-MAX_CELLS = 24
-BINS = 12  # number of cells of a map for a numeric column with more than MAX_CELLS distinct values
 # largest number of a column's values that have their own colour; all others share one colour
 MAX_SHADES = 7
-MAX_EXACT_INTEGER = 2**53  # largest magnitude of integers that are exact in JavaScript
-# ratio of a column's maximum to its minimum above which its cells have a logarithmic scale
-WIDE_RATIO = 100.0
-
-
-@dataclass(frozen=True)
-class ColumnFilter:
-    """A condition on the values of a column.
-
-    Attributes:
-        value: number, text, or True or False, depending on the type of the column.
-    """
-
-    column: str
-    operator: str = parameter("=", choices=OPERATORS)
-    value: float | str | bool | None = None
-
-
-@dataclass(frozen=True)
-class RunSelection:
-    """Selection of the runs that satisfy all filters.
-
-    Attributes:
-        studies: names of the studies; empty for all studies.
-    """
-
-    studies: tuple[str, ...] = ()
-    filters: tuple[ColumnFilter, ...] = ()
-
-
-@dataclass(frozen=True)
-class RowQuery(RunSelection):
-    """Query of `count` runs, sorted by a column, starting at the index `first`."""
-
-    sort: str = ""
-    descending: bool = False
-    first: int = parameter(0, least=0)
-    count: int = parameter(50, least=1, most=MAX_ROWS)
-
-
-@dataclass(frozen=True)
-class GroupQuery(RunSelection):
-    """Query of groups of runs.
-
-    Attributes:
-        by: columns that define the groups; each combination of their values is a group.
-        values: columns to summarize in each group: by the median, or for a binary metric by the
-            rate.
-    """
-
-    by: tuple[str, ...] = ()
-    values: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class MapQuery(RunSelection):
-    """Query of a map whose axes are two columns.
-
-    Attributes:
-        value: column to summarize in each cell: by the median, or for a binary metric by the rate.
-    """
-
-    x: str = ""
-    y: str = ""
-    value: str = success.name
-
-
-@dataclass(frozen=True)
-class PointQuery(RunSelection):
-    """Query of a scatter plot with a point for each run.
-
-    Attributes:
-        colour_by: column that determines the colours of the points; '' for none.
-    """
-
-    x: str = ""
-    y: str = ""
-    colour_by: str = ""
-
-
-def to_json_value(value: Any) -> Any:
-    """Convert a value for JSON: NaN to null; infinity and integers above 2^53 to text."""
-    if isinstance(value, float) and not math.isfinite(value):
-        return None if math.isnan(value) else str(value)
-    if isinstance(value, int) and abs(value) > MAX_EXACT_INTEGER:
-        return str(value)
-    return value
 
 
 def select_rows(snapshot: StudiesSnapshot, query: RunSelection) -> np.ndarray:
@@ -162,7 +70,7 @@ def _to_mask(values: pa.ChunkedArray) -> np.ndarray:
 def _apply_filter(column: pa.ChunkedArray, condition: ColumnFilter) -> np.ndarray:
     if condition.operator == "contains":
         return _to_mask(
-            pc.match_substring(_to_text(column), str(condition.value), ignore_case=True)
+            pc.match_substring(column.cast(pa.string()), str(condition.value), ignore_case=True)
         )
     if condition.operator.startswith("is"):
         is_known = _to_mask(pc.is_valid(column))
@@ -193,15 +101,6 @@ def _apply_filter(column: pa.ChunkedArray, condition: ColumnFilter) -> np.ndarra
     return _to_mask(compare(column, pa.scalar(value)))
 
 
-def _to_text(column: pa.ChunkedArray) -> pa.ChunkedArray:
-    return column if pa.types.is_string(column.type) else column.cast(pa.string())
-
-
-def is_number(column: pa.ChunkedArray) -> bool:
-    """Return whether a column contains numbers."""
-    return pa.types.is_integer(column.type) or pa.types.is_floating(column.type)
-
-
 def describe_columns(snapshot: StudiesSnapshot) -> list[dict[str, Any]]:
     """Return a description of each column of the results.
 
@@ -224,7 +123,7 @@ def describe_columns(snapshot: StudiesSnapshot) -> list[dict[str, Any]]:
         role = snapshot.roles.get(name, "")
         unit, size = snapshot.units.get(name, ""), 1.0
         if unit and kind == "number" and role != SETTING:
-            unit, size = choose_unit(unit, _find_extremes(column))
+            unit, size = choose_unit(unit, column.cast(pa.float64()).to_numpy())
         found.append({
             "name": name, "unit": unit, "size": size, "role": role,
             "is_binary": name == success.name or name in snapshot.binary,
@@ -233,15 +132,6 @@ def describe_columns(snapshot: StudiesSnapshot) -> list[dict[str, Any]]:
             "values": sorted(listed, key=lambda v: (isinstance(v, str), v)),
         })  # fmt: skip
     return found
-
-
-def _find_extremes(column: pa.ChunkedArray) -> list[float]:
-    """Return the smallest and the largest absolute value in a column, without negligible values."""
-    sizes = np.abs(column.cast(pa.float64()).to_numpy())
-    sizes = sizes[np.isfinite(sizes) & (sizes > 0.0)]
-    largest = sizes.max(initial=0.0)
-    sizes = sizes[sizes >= largest * 10.0**-NEGLIGIBLE_DECADES]
-    return [float(sizes.min()), float(largest)] if sizes.size else []
 
 
 def list_rows(snapshot: StudiesSnapshot, query: RowQuery) -> dict[str, Any]:
@@ -253,14 +143,11 @@ def list_rows(snapshot: StudiesSnapshot, query: RowQuery) -> dict[str, Any]:
     success_count = int(np.nansum(snapshot.table[success.name].to_numpy()[at]))
     if query.sort:
         order = "descending" if query.descending else "ascending"
-        keys = pa.table({"key": find_column(snapshot, query.sort).take(pa.array(at))})
-        at = at[pc.sort_indices(keys, sort_keys=[("key", order)]).to_numpy()]
-    part = snapshot.table.take(pa.array(at[query.first : query.first + query.count]))
-    return {"total": total, "success_count": success_count, "rows": _to_lists(part)}
-
-
-def _to_lists(table: pa.Table) -> list[list[Any]]:
-    return [[to_json_value(v) for v in row.values()] for row in table.to_pylist()]
+        values = find_column(snapshot, query.sort).take(pa.array(at))
+        at = at[pc.sort_indices(values, sort_keys=[("", order)]).to_numpy()]
+    part = snapshot.table.take(pa.array(at[query.first : query.first + query.count])).to_pylist()
+    rows = [[to_json_value(value) for value in row.values()] for row in part]
+    return {"total": total, "success_count": success_count, "rows": rows}
 
 
 def find_run_row(snapshot: StudiesSnapshot, study: str, run: int) -> dict[str, Any]:
@@ -280,65 +167,6 @@ def find_run_row(snapshot: StudiesSnapshot, study: str, run: int) -> dict[str, A
     raise StudyError(f"study {study} has no stored result of run {run} yet")
 
 
-@dataclass(frozen=True)
-class MapCells:
-    """Cells (single values, or intervals) into which the values of a column are divided for a map.
-
-    Attributes:
-        labels: value of each cell, or its lower and upper bound.
-        bounds: conditions (operator, value) that select the runs in each cell.
-        at: (n,) index of the cell of each row; -1 if the row is in no cell.
-    """
-
-    labels: list[Any]
-    bounds: list[list[tuple[str, Any]]]
-    at: np.ndarray
-
-    @property
-    def uncounted_rows(self) -> int:
-        """Number of rows that are in no cell."""
-        return int((self.at < 0).sum())
-
-
-def divide_into_cells(
-    column: pa.ChunkedArray, max_cells: int = MAX_CELLS, bins: int = BINS
-) -> MapCells:
-    """Divide the values of a column into cells, each a single value or an interval.
-
-    If there are at most `max_cells` distinct values, each value has its own cell. If there are
-    more, the range of a numeric column is divided into `bins` cells, and only the most frequent
-    values of a text column have cells.
-    """
-    encoded = column.combine_chunks().dictionary_encode()
-    codes = encoded.indices.fill_null(-1).to_numpy(zero_copy_only=False).astype(int)
-    values = encoded.dictionary.to_pylist()
-    known = [i for i, v in enumerate(values) if to_json_value(v) is not None]
-    if len(known) <= max_cells or not is_number(column):
-        if len(known) > max_cells:  # only the most frequent values have their own cell
-            counts = np.bincount(codes[codes >= 0], minlength=len(values))
-            known = sorted(known, key=lambda i: -counts[i])[:max_cells]
-        known.sort(key=lambda i: values[i])
-        # the last element is the cell of unknown values, because their index is -1
-        cell_of_value = np.full(len(values) + 1, -1)
-        cell_of_value[known] = np.arange(len(known))
-        labels = [to_json_value(values[i]) for i in known]
-        return MapCells(labels, [[("=", label)] for label in labels], cell_of_value[codes])
-    numbers = column.cast(pa.float64()).to_numpy()
-    finite = np.isfinite(numbers)
-    low, high = numbers[finite].min(), numbers[finite].max()
-    if low > 0.0 and high / low > WIDE_RATIO:
-        edges = np.geomspace(low, high, bins + 1)
-    else:
-        edges = np.linspace(low, high, bins + 1)
-    edges[0], edges[-1] = low, high
-    at = np.full(len(numbers), -1)
-    at[finite] = np.clip(np.searchsorted(edges, numbers[finite], side="right") - 1, 0, bins - 1)
-    ranges = list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
-    bounds = [[("≥", a), ("<", b)] for a, b in ranges[:-1]]
-    bounds.append([("≥", ranges[-1][0]), ("≤", ranges[-1][1])])
-    return MapCells([list(pair) for pair in ranges], bounds, at)
-
-
 def compute_medians(values: np.ndarray, group: np.ndarray, count: int) -> np.ndarray:
     """Return the median of the finite values in each group.
 
@@ -351,16 +179,10 @@ def compute_medians(values: np.ndarray, group: np.ndarray, count: int) -> np.nda
         (count,) medians; NaN for a group without finite values.
     """
     is_valid = np.isfinite(values) & (group >= 0)
-    values, group = values[is_valid], group[is_valid]
-    order = np.lexsort((values, group))
-    values = values[order]
-    sizes = np.bincount(group, minlength=count)
-    first = np.cumsum(sizes) - sizes
     medians = np.full(count, np.nan)
-    has_values = sizes > 0
-    low = first[has_values] + (sizes[has_values] - 1) // 2
-    high = first[has_values] + sizes[has_values] // 2
-    medians[has_values] = 0.5 * (values[low] + values[high])
+    if is_valid.any():
+        known = np.unique(group[is_valid])
+        medians[known] = scipy.ndimage.median(values[is_valid], group[is_valid], known)
     return medians
 
 
@@ -385,14 +207,6 @@ def compute_rates(values: np.ndarray, group: np.ndarray, count: int) -> list[Est
     return [proportion(int(h), int(size)) for h, size in zip(hits, sizes, strict=True)]
 
 
-def _find_computed(snapshot: StudiesSnapshot, name: str, at: np.ndarray) -> np.ndarray:
-    """Return a mask (n,) of the rows with the indices `at` (n,) whose study computes a metric."""
-    studies = [entry.name for entry in snapshot.studies if entry.results is not None
-               and any(one.name == name for one in entry.results.metrics)]  # fmt: skip
-    found = pc.is_in(snapshot.table[STUDY], pa.array(studies, pa.string()))
-    return found.to_numpy()[at]
-
-
 def _summarize_values(
     snapshot: StudiesSnapshot, name: str, at: np.ndarray, group: np.ndarray, count: int
 ) -> list[list[float]]:
@@ -401,7 +215,10 @@ def _summarize_values(
     if name == success.name:
         values = np.nan_to_num(values)
     elif name in snapshot.binary:
-        is_computed = _find_computed(snapshot, name, at)
+        # a study that does not compute the metric has no value, so its runs are not failures
+        studies = [entry.name for entry in snapshot.studies if entry.results is not None
+                   and any(one.name == name for one in entry.results.metrics)]  # fmt: skip
+        is_computed = pc.is_in(snapshot.table[STUDY], pa.array(studies, pa.string())).to_numpy()[at]
         values[is_computed] = snapshot.binary[name].complete_values(values[is_computed])
     else:
         return [[float(middle)] for middle in compute_medians(values, group, count)]

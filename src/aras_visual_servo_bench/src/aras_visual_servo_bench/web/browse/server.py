@@ -7,13 +7,12 @@ import json
 import logging
 import socket
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import tornado.ioloop
 
-from aras_visual_servo_base.settings import build, parameter
+from aras_visual_servo_base.settings import build
 
 from ...errors import BenchError, RefusedRequestError, StudyError
 from ...plots.palette import REPORT, REPORT_DARK, make_css
@@ -21,109 +20,23 @@ from ...studies import compare
 from .. import SHARED
 from ..access import Access
 from ..page_messages import read_message
-from ..server import AuthorizedHandler, WebServer, is_local, start_server
-from ..uplot import SCRIPT, STYLE, read_uplot
+from ..server import AuthorizedHandler, WebServer, start_server
 from . import result_queries
+from .map_cells import to_json_value
+from .queries import (
+    OPERATORS,
+    ComparisonQuery,
+    GroupQuery,
+    MapQuery,
+    PointQuery,
+    RowQuery,
+    RunQuery,
+    StudiesQuery,
+)
 from .reports import Reports
-from .result_queries import GroupQuery, MapQuery, PointQuery, RowQuery
 from .studies import Studies, StudiesSnapshot
 
 FILES = Path(__file__).parent / "page"
-
-
-@dataclass(frozen=True)
-class RunQuery:
-    """Query of one run of a study."""
-
-    study: str
-    run: int = parameter(least=0)
-
-
-@dataclass(frozen=True)
-class ComparisonQuery:
-    """Query of the differences of two studies.
-
-    Attributes:
-        by: columns that define the groups; empty for the settings that both studies have.
-    """
-
-    first: str
-    second: str
-    by: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class StudiesQuery:
-    """Query of the list of studies.
-
-    Attributes:
-        force: whether to read the folders even if they were read less than a second ago.
-    """
-
-    force: bool = False
-
-
-REQUESTS: Mapping[str, type] = {
-    "studies": StudiesQuery, "rows": RowQuery, "groups": GroupQuery, "map": MapQuery,
-    "points": PointQuery, "run": RunQuery, "compare": ComparisonQuery,
-}  # fmt: skip
-
-
-class BrowseServer(WebServer):
-    """Web server of the results browser."""
-
-    index = FILES / "index.html"
-    # compressing megabytes of points would take longer than sending the points uncompressed
-    is_compressed = False
-
-    def __init__(
-        self, studies: Studies, access: Access, sockets: list[socket.socket]
-    ) -> None:
-        """Create a server.
-
-        Args:
-            studies: reader of the studies.
-            access: access rules of the server.
-            sockets: sockets on which it listens.
-
-        Raises:
-            BenchError: the plotting library uPlot is not installed.
-        """
-        super().__init__(access, sockets)
-        self.studies, self.reports = studies, Reports()
-        self._files = {
-            "uplot.js": read_uplot(SCRIPT),
-            "style.css": make_css(REPORT) + make_css(REPORT_DARK,
-                "[data-theme=dark]") + read_uplot(STYLE)
-            + (SHARED / "style.css").read_text(encoding="utf-8"),
-            **{path.name: path.read_text(encoding="utf-8")
-               for path in (*FILES.glob("*.js"), SHARED / "charts.js", SHARED / "theme.js")},
-        }  # fmt: skip
-
-    def list_routes(self) -> list[tuple[str, type[AuthorizedHandler]]]:
-        """Return the URL patterns of queries and reports with their handlers."""
-        return [(r"/ask", QueryHandler), (r"/run", RunReportHandler)]
-
-    def find_page_file(self, name: str) -> str | None:
-        """Return the text of a script or of the style sheet; return None if it does not exist."""
-        return self._files.get(name)
-
-    def on_stop(self) -> None:
-        """Stop the computation of reports."""
-        self.reports.close()
-
-    def answer_query(self, text: str) -> dict[str, Any]:
-        """Return the answer to a query.
-
-        text: the query as JSON.
-
-        Raises:
-            BenchError: the query is invalid or cannot be answered.
-        """
-        do, fields = read_message(text, REQUESTS, self.max_message_bytes)
-        query = build(REQUESTS[do], fields, f"{do}: ", RefusedRequestError)
-        snapshot = self.studies.read_snapshot(isinstance(query, StudiesQuery) and query.force)
-        return {"version": snapshot.version, **_QUERY_FUNCTIONS[do](snapshot, query)}
 
 
 def _list_studies(snapshot: StudiesSnapshot, query: StudiesQuery) -> dict[str, Any]:
@@ -133,7 +46,7 @@ def _list_studies(snapshot: StudiesSnapshot, query: StudiesQuery) -> dict[str, A
                     for entry in snapshot.studies],
         "note": snapshot.note,
         "columns": result_queries.describe_columns(snapshot),
-        "operators": result_queries.OPERATORS,
+        "operators": OPERATORS,
     }  # fmt: skip
 
 
@@ -150,30 +63,33 @@ def _compare_studies(snapshot: StudiesSnapshot, query: ComparisonQuery) -> dict[
     for entry in (first, second):
         if entry.results is None:
             raise StudyError(f"study {entry.name} has no results yet")
-    found = compare.find_differences(first.results, second.results, query.by)
+    found = first.results.compare(second.results, query.by).differences
     return {
         "level": compare.SIGNIFICANCE_LEVEL,
         "differences": [
             {"group": d.group, "metric": d.metric, "verdict": d.verdict,
-             "is_significant": d.is_significant, "p": result_queries.to_json_value(d.p),
-             "before": result_queries.to_json_value(d.comparison.before),
-             "after": result_queries.to_json_value(d.comparison.after),
+             "is_significant": d.is_significant, "p": to_json_value(d.p),
+             "before": to_json_value(d.comparison.before),
+             "after": to_json_value(d.comparison.after),
              "count": d.comparison.count, "paired": d.comparison.paired}
             for d in sorted(found, key=_rank_difference)
         ],
     }  # fmt: skip
 
 
-_QUERY_FUNCTIONS: Mapping[str, Callable[[StudiesSnapshot, Any], dict[str, Any]]] = {
-    "studies": _list_studies,
-    "rows": result_queries.list_rows,
-    "groups": result_queries.compute_groups,
-    "map": result_queries.compute_success_map,
-    "points": result_queries.find_points,
-    "compare": _compare_studies,
-    "run": lambda snapshot, query: {
-        "row": result_queries.find_run_row(snapshot, query.study, query.run)
-    },
+def _find_run(snapshot: StudiesSnapshot, query: RunQuery) -> dict[str, Any]:
+    return {"row": result_queries.find_run_row(snapshot, query.study, query.run)}
+
+
+# type of each query, and function that returns the answer
+QUERIES: Mapping[str, tuple[type, Callable[[StudiesSnapshot, Any], dict[str, Any]]]] = {
+    "studies": (StudiesQuery, _list_studies),
+    "rows": (RowQuery, result_queries.list_rows),
+    "groups": (GroupQuery, result_queries.compute_groups),
+    "map": (MapQuery, result_queries.compute_success_map),
+    "points": (PointQuery, result_queries.find_points),
+    "compare": (ComparisonQuery, _compare_studies),
+    "run": (RunQuery, _find_run),
 }
 
 
@@ -233,6 +149,51 @@ class RunReportHandler(AuthorizedHandler):
         self.finish(WAITING_PAGE.format(title=html.escape(title), text=html.escape(text)))
 
 
+class BrowseServer(WebServer):
+    """Web server of the results browser."""
+
+    index = FILES / "index.html"
+    routes = ((r"/ask", QueryHandler), (r"/run", RunReportHandler))
+    # compressing megabytes of points would take longer than sending the points uncompressed
+    is_compressed = False
+
+    def __init__(
+        self, studies: Studies, access: Access, sockets: list[socket.socket]
+    ) -> None:
+        """Create a server.
+
+        Args:
+            studies: reader of the studies.
+            access: access rules of the server.
+            sockets: sockets on which it listens.
+
+        Raises:
+            BenchError: the plotting library uPlot is not installed.
+        """
+        colours = make_css(REPORT) + make_css(REPORT_DARK, "[data-theme=dark]")
+        scripts = (*FILES.glob("*.js"), SHARED / "charts.js", SHARED / "theme.js")
+        super().__init__(access, sockets, scripts, colours, SHARED / "style.css")
+        self.studies, self.reports = studies, Reports()
+
+    def on_stop(self) -> None:
+        """Stop the computation of reports."""
+        self.reports.close()
+
+    def answer_query(self, text: str) -> dict[str, Any]:
+        """Return the answer to a query.
+
+        text: the query as JSON.
+
+        Raises:
+            BenchError: the query is invalid or cannot be answered.
+        """
+        do, fields = read_message(text, QUERIES, self.max_message_bytes)
+        kind, answer = QUERIES[do]
+        query = build(kind, fields, f"{do}: ", RefusedRequestError)
+        snapshot = self.studies.read_snapshot(isinstance(query, StudiesQuery) and query.force)
+        return {"version": snapshot.version, **answer(snapshot, query)}
+
+
 def serve(
     folders: Sequence[Path], address: str, port: int, token: str = "",
     say: Callable[[str], None] = print,
@@ -251,9 +212,7 @@ def serve(
     """
     studies = Studies(folders)
     studies.read_snapshot()
-    server = start_server(lambda access, sockets: BrowseServer(studies, access, sockets),
-                   "the results browser", address, port, token, say)  # fmt: skip
-    if not is_local(address):
-        say(f"the results browser listens on {address} without encryption: anyone who intercepts "
-            "its URL can read the results")  # fmt: skip
-    return server
+    return start_server(
+        lambda access, sockets: BrowseServer(studies, access, sockets), "the results browser",
+        "read the results", address, port, token, say,
+    )  # fmt: skip

@@ -7,6 +7,7 @@ with Arrow.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import threading
 import time
@@ -20,6 +21,7 @@ from ...errors import StudyError
 from ...experiment.experiment_keys import find_unit
 from ...metrics import metrics
 from ...metrics.formatting import make_printable
+from ...metrics.metric import Metric
 from ...studies.columns import LABEL_COLUMNS
 from ...studies.results import Results
 from ...studies.study_folder import MANIFEST, PARTS, TIMES, StudyFolder
@@ -79,7 +81,7 @@ class StudiesSnapshot:
     table: pa.Table
     units: dict[str, str] = field(default_factory=dict)
     roles: dict[str, str] = field(default_factory=dict)
-    binary: dict[str, metrics.Metric] = field(default_factory=dict)
+    binary: dict[str, Metric] = field(default_factory=dict)
     note: str = ""
 
     def find_study(self, name: str) -> StudyEntry:
@@ -203,14 +205,10 @@ def _compute_fingerprint(path: Path) -> tuple:
         return (0,)
     parts = []
     for kind in (PARTS, TIMES):
-        try:
-            with os.scandir(path / kind) as entries:
-                for entry in entries:
-                    if entry.name.endswith(".parquet"):
-                        stat = entry.stat()
-                        parts.append((kind, entry.name, stat.st_mtime_ns, stat.st_size))
-        except OSError:
-            continue
+        with contextlib.suppress(OSError):
+            for file in (path / kind).glob("*.parquet"):
+                stat = file.stat()
+                parts.append((kind, file.name, stat.st_mtime_ns, stat.st_size))
     return ((manifest.st_mtime_ns, manifest.st_size), *sorted(parts))
 
 

@@ -59,14 +59,15 @@ REQUESTS: dict[str, type] = {
     "step": _make_request_type(steps=(int, parameter(least=1, most=MAX_STEPS))),
     "gain": _make_request_type(name=str, value=(float, parameter(least=1e-3, most=100.0))),
     "servo": _make_request_type(scheme=str, law=str, start=str, goal=str),
-    "goal": _make_request_type(x=_limit_magnitude(MAX_OFFSET), y=_limit_magnitude(MAX_OFFSET),
-        z=_limit_magnitude(MAX_OFFSET), turn=_limit_magnitude(MAX_TURN)),
+    "goal": _make_request_type(**{axis: _limit_magnitude(MAX_OFFSET) for axis in "xyz"},
+                               turn=_limit_magnitude(MAX_TURN)),
     "camera": _make_request_type(preset=str),
     "target": _make_request_type(name=str),
     "teach": GoalName,
-    "jog": _make_request_type(vx=_limit_magnitude(MAX_SPEED), vy=_limit_magnitude(MAX_SPEED),
-        vz=_limit_magnitude(MAX_SPEED), wx=_limit_magnitude(MAX_TURN_RATE),
-                  wy=_limit_magnitude(MAX_TURN_RATE), wz=_limit_magnitude(MAX_TURN_RATE)),
+    "jog": _make_request_type(
+        **{axis: _limit_magnitude(MAX_SPEED) for axis in ("vx", "vy", "vz")},
+        **{axis: _limit_magnitude(MAX_TURN_RATE) for axis in ("wx", "wy", "wz")},
+    ),
     "jog_joint": _make_request_type(joint=str, speed=(float, parameter(least=-1.0, most=1.0))),
 }  # fmt: skip
 # For each request, the fields whose value must be in a selection list of the page, and the key of

@@ -38,8 +38,10 @@ class PageState:
         self._controller_state: dict[str, Any] = {}
         self._shapes: dict[str, dict[str, Any]] = {}
 
-    def set_robot(self, names: Sequence[str], lower: Sequence[float], upper: Sequence[float],
-              velocity: Sequence[float], prismatic: Sequence[bool]) -> None:  # fmt: skip
+    def set_robot(
+        self, names: Sequence[str], lower: Sequence[float], upper: Sequence[float],
+        velocity: Sequence[float], prismatic: Sequence[bool],
+    ) -> None:  # fmt: skip
         """Set the joints of the robot and their limits.
 
         Args:
@@ -91,10 +93,8 @@ class PageState:
         """
         message: dict[str, Any] = {"kind": "update", "stamp": round(stamp, 3)}
         if run_trace is not None:
-            message["joints"], message["velocities"] = (
-                to_json_numbers(joints),
-                to_json_numbers(velocities, 4),
-            )
+            message["joints"] = to_json_numbers(joints)
+            message["velocities"] = to_json_numbers(velocities, 4)
             factor = run_trace.factor
             message["real_time_factor"] = None if factor is None else round(factor, 3)
             self._controller_state = _describe_controller(

@@ -21,8 +21,7 @@ from ...plots.palette import LIVE, LIVE_LIGHT, make_css
 from .. import SHARED
 from ..access import Access
 from ..page_messages import MAX_BYTES, read_message
-from ..server import AuthorizedHandler, WebServer, is_local, start_server
-from ..uplot import SCRIPT, STYLE, read_uplot
+from ..server import AuthorizedHandler, WebServer, start_server
 from .outbox import ACKNOWLEDGED, Outbox, to_json
 from .page_requests import REQUESTS, PageRequest, read_request
 from .page_state import PageState
@@ -65,88 +64,6 @@ class PageHost(Protocol):
 
     def find_file(self, path: str) -> Path | None:
         """Return the path of a file of a report; return None if it does not exist."""
-
-
-class LiveServer(WebServer):
-    """Web server of the live page."""
-
-    index = FILES / "index.html"
-    max_message_bytes = 2 * MAX_BYTES
-
-    def __init__(self, host: PageHost, access: Access, sockets: list[socket.socket]) -> None:
-        """Create a server.
-
-        Args:
-            host: connection to the robot.
-            access: access rules of the server.
-            sockets: sockets on which it listens.
-
-        Raises:
-            BenchError: the plotting library uPlot is not installed.
-        """
-        super().__init__(access, sockets)
-        read_uplot(SCRIPT)  # raise an error now if the plotting library is missing
-        self.host = host
-        self.viewers: set[Viewer] = set()
-
-    def list_routes(self) -> list[tuple[str, type[AuthorizedHandler]]]:
-        """Return the URL patterns of the WebSocket, the robot model and the reports."""
-        return [(r"/live", Viewer), (r"/robot", RobotModelHandler),
-                (r"/report/(.*)", ReportHandler)]  # fmt: skip
-
-    def find_page_file(self, name: str) -> str | None:
-        """Return the text of a script or of the style sheet; return None if it does not exist."""
-        if name == "uplot.js":
-            return read_uplot(SCRIPT)
-        path = SHARED / name if name in ("scene.js", "theme.js") else FILES / name
-        if not path.is_file():
-            return None
-        text = path.read_text(encoding="utf-8")
-        if name != "style.css":
-            return text
-        # the 3-D scene is dark also in light mode
-        dark = make_css(LIVE, "[data-theme=dark], #scene-box")
-        return make_css(LIVE_LIGHT) + dark + read_uplot(STYLE) + text
-
-    def on_start(self) -> None:
-        """Create the timers for updates and images."""
-        self._update_timer = tornado.ioloop.PeriodicCallback(self.send_update, 1e3 / UPDATE_RATE)
-        self._image_timer = tornado.ioloop.PeriodicCallback(self.send_image, 1e3 / IMAGE_RATE)
-
-    def on_stop(self) -> None:
-        """Close the connections to all viewers."""
-        for viewer in list(self.viewers):
-            viewer.close(1001, "the simulator has ended")
-
-    def add_viewer(self, viewer: Viewer) -> None:
-        """Add a viewer, and start the timers for the first one."""
-        self.viewers.add(viewer)
-        if len(self.viewers) == 1:
-            self._update_timer.start()
-            self._image_timer.start()
-        self.host.set_viewer_count(len(self.viewers))
-
-    def remove_viewer(self, viewer: Viewer) -> None:
-        """Remove a viewer, and stop the timers after the last one."""
-        self.viewers.discard(viewer)
-        if not self.viewers:
-            self._update_timer.stop()
-            self._image_timer.stop()
-        self.host.set_viewer_count(len(self.viewers))
-
-    def send_update(self) -> None:
-        """Send an update to all viewers."""
-        update = self.host.make_update()
-        text = to_json(update)
-        for viewer in list(self.viewers):
-            viewer.outbox.send_update(update, text)
-
-    def send_image(self) -> None:
-        """Send a new image to all viewers."""
-        image = self.host.take_image()
-        if image is not None:
-            for viewer in list(self.viewers):
-                viewer.outbox.send_image(image)
 
 
 class RobotModelHandler(AuthorizedHandler):
@@ -221,7 +138,7 @@ class Viewer(AuthorizedHandler, tornado.websocket.WebSocketHandler):
             return
         if self._request_count >= MAX_REQUESTS:
             text = f"{MAX_REQUESTS} requests are in progress: wait for their answers"
-            self.send(json.dumps({"kind": "answer", "do": None, "ok": False, "text": text}))
+            self._send_answer(None, False, text)
             return
         self._request_count += 1
         tornado.ioloop.IOLoop.current().spawn_callback(self._carry_out, message)
@@ -229,20 +146,88 @@ class Viewer(AuthorizedHandler, tornado.websocket.WebSocketHandler):
     async def _carry_out(self, message: str | bytes) -> None:
         """Execute the request in a message, and send the answer."""
         loop, host = tornado.ioloop.IOLoop.current(), self.server.host
-        do: str | None = None
+        do, is_done = None, False
         try:
             do, fields = read_message(message, REQUESTS)
             request = read_request(do, fields, host.page.choices)
             text = await loop.run_in_executor(self.server.workers, host.execute, request)
-            answer = {"kind": "answer", "do": do, "ok": True, "text": text}
+            is_done = True
         except RefusedRequestError as error:
-            answer = {"kind": "answer", "do": do, "ok": False, "text": str(error)}
+            text = str(error)
         except Exception as error:  # the connection must remain open after a programming error
             logging.getLogger(__name__).exception("%s", do)
             text = f"{do} failed: {type(error).__name__}: {error}"
-            answer = {"kind": "answer", "do": do, "ok": False, "text": text}
         self._request_count -= 1
-        self.send(json.dumps(answer))
+        self._send_answer(do, is_done, text)
+
+    def _send_answer(self, do: str | None, is_done: bool, text: str) -> None:
+        self.send(json.dumps({"kind": "answer", "do": do, "ok": is_done, "text": text}))
+
+
+class LiveServer(WebServer):
+    """Web server of the live page."""
+
+    index = FILES / "index.html"
+    routes = ((r"/live", Viewer), (r"/robot", RobotModelHandler), (r"/report/(.*)", ReportHandler))
+    max_message_bytes = 2 * MAX_BYTES
+
+    def __init__(self, host: PageHost, access: Access, sockets: list[socket.socket]) -> None:
+        """Create a server.
+
+        Args:
+            host: connection to the robot.
+            access: access rules of the server.
+            sockets: sockets on which it listens.
+
+        Raises:
+            BenchError: the plotting library uPlot is not installed.
+        """
+        # the 3-D scene is dark also in light mode
+        colours = make_css(LIVE_LIGHT) + make_css(LIVE, "[data-theme=dark], #scene-box")
+        scripts = (*FILES.glob("*.js"), SHARED / "scene.js", SHARED / "theme.js")
+        super().__init__(access, sockets, scripts, colours, FILES / "style.css")
+        self.host = host
+        self.viewers: set[Viewer] = set()
+
+    def on_start(self) -> None:
+        """Create the timers for updates and images."""
+        self._update_timer = tornado.ioloop.PeriodicCallback(self.send_update, 1e3 / UPDATE_RATE)
+        self._image_timer = tornado.ioloop.PeriodicCallback(self.send_image, 1e3 / IMAGE_RATE)
+
+    def on_stop(self) -> None:
+        """Close the connections to all viewers."""
+        for viewer in list(self.viewers):
+            viewer.close(1001, "the simulator has ended")
+
+    def add_viewer(self, viewer: Viewer) -> None:
+        """Add a viewer, and start the timers for the first one."""
+        self.viewers.add(viewer)
+        if len(self.viewers) == 1:
+            self._update_timer.start()
+            self._image_timer.start()
+        self.host.set_viewer_count(len(self.viewers))
+
+    def remove_viewer(self, viewer: Viewer) -> None:
+        """Remove a viewer, and stop the timers after the last one."""
+        self.viewers.discard(viewer)
+        if not self.viewers:
+            self._update_timer.stop()
+            self._image_timer.stop()
+        self.host.set_viewer_count(len(self.viewers))
+
+    def send_update(self) -> None:
+        """Send an update to all viewers."""
+        update = self.host.make_update()
+        text = to_json(update)
+        for viewer in list(self.viewers):
+            viewer.outbox.send_update(update, text)
+
+    def send_image(self) -> None:
+        """Send a new image to all viewers."""
+        image = self.host.take_image()
+        if image is not None:
+            for viewer in list(self.viewers):
+                viewer.outbox.send_image(image)
 
 
 def serve(
@@ -262,11 +247,7 @@ def serve(
         NoFreePortError: no port is free.
         BenchError: the plotting library uPlot is not installed.
     """
-    server = start_server(
-        lambda access, sockets: LiveServer(host, access, sockets), "the live page", address, port,
-        token, say,
+    return start_server(
+        lambda access, sockets: LiveServer(host, access, sockets), "the live page",
+        "move the robot", address, port, token, say,
     )  # fmt: skip
-    if not is_local(address):
-        say(f"the live page listens on {address} without encryption: anyone who intercepts its URL "
-            "can move the robot")  # fmt: skip
-    return server

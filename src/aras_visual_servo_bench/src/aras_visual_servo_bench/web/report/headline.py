@@ -19,6 +19,7 @@ from ...metrics.statistics import Estimate
 from ...metrics.summary import Quantity
 from ...recording.presentable_run import describe_experiment, list_experiment_parts
 from ...recording.run import Run
+from ...recording.verdict import REACHED
 
 COLUMNS = (
     ("final_distance", "final distance"), ("final_angle", "final angle"),
@@ -59,23 +60,18 @@ def make_title(runs: Sequence[Run]) -> str:
         verdict = f", {run.verdict.name.replace('_', ' ')}" if run.verdict.name else ""
         outcome = run.outcome.replace("_", " ") or "unknown outcome"
         return f"{describe_experiment(run) or run.name}: {outcome}{verdict}"
+    parts: dict[str, list[str]] = {}
+    for run in runs:
+        for part, value in list_experiment_parts(run).items():
+            parts.setdefault(part, []).append(value)
     found = []
-    for part, values in _collect_parts(runs).items():
+    for part, values in parts.items():
         known = list(dict.fromkeys(values))
         text = " and ".join(known) if len(known) <= MAX_LISTED else f"{len(known)} {part}s"
         found.append(text if part == "scheme" or len(known) > MAX_LISTED else f"{part} {text}")
     good = sum(run.is_success for run in runs)
     return (f"Comparison of {format_count(len(runs), 'run')}: {', '.join(found)}; "
             f"{good} of {len(runs)} succeeded")  # fmt: skip
-
-
-def _collect_parts(runs: Sequence[Run]) -> dict[str, list[str]]:
-    """Return the known schemes, plants and targets of the runs, in the order of the runs."""
-    found: dict[str, list[str]] = {}
-    for run in runs:
-        for part, value in list_experiment_parts(run).items():
-            found.setdefault(part, []).append(value)
-    return found
 
 
 def make_headline(runs: Sequence[Run], summaries: Sequence[Sequence[Quantity]]) -> Headline:
@@ -94,7 +90,8 @@ def make_headline(runs: Sequence[Run], summaries: Sequence[Sequence[Quantity]]) 
                 for (_, text), (unit, _) in zip(COLUMNS, units, strict=True)]  # fmt: skip
     rows = [
         {"number": i, "name": run.name, "outcome": run.outcome or "unknown outcome",
-         "converged": run.is_held_at_goal, "reached": _describe_reached(run),
+         "converged": run.is_held_at_goal,
+         "reached": {"": "unknown", REACHED: "yes"}.get(run.verdict.name, "no"),
          "reason": "" if run.is_success else "; ".join(filter(None, (run.reason, run.remedy))),
          "cells": [show(column[i]) for show, column in zip(formats, scaled, strict=True)]}
         for i, run in enumerate(runs)
@@ -109,12 +106,6 @@ def make_headline(runs: Sequence[Run], summaries: Sequence[Sequence[Quantity]]) 
                       for show, column in zip(formats, scaled, strict=True)],
         })  # fmt: skip
     return Headline(headings, rows, groups)
-
-
-def _describe_reached(run: Run) -> str:
-    if not run.verdict.name:
-        return "unknown"
-    return "yes" if run.verdict.is_reached else "no"
 
 
 def _describe_rate(rate: Estimate) -> str:

@@ -13,7 +13,7 @@ from ...experiment.experiment_keys import find_unit
 from ...metrics.formatting import NO_NUMBER, format_heading, format_number, format_quantity
 from ...metrics.summary import Quantity, find_best_runs, show_quantities
 from ...plots.palette import LIVE_CURVES, REPORT, REPORT_DARK, SCENE, make_css
-from ...plots.panels import Panel
+from ...plots.panel import Panel
 from ...recording.run import Run
 from .. import SHARED
 from ..uplot import SCRIPT, STYLE, read_uplot
@@ -38,6 +38,10 @@ TILES = (
 MAX_ROWS = 250  # largest number of rows in a table; a browser needs seconds for thousands of rows
 LONG_TEXT = 24  # number of characters above which the texts of a comparison are wrapped
 PAGE_FOLDER = Path(__file__).parent / "page"
+ENVIRONMENT = jinja2.Environment(
+    loader=jinja2.FileSystemLoader(PAGE_FOLDER), autoescape=True, trim_blocks=True,
+    lstrip_blocks=True,
+)  # fmt: skip
 SCRIPTS = (*(SHARED / f"{name}.js" for name in ("scene", "charts")),
            *(PAGE_FOLDER / f"{name}.js" for name in ("film", "report")))
 
@@ -61,16 +65,12 @@ def make_page(
     Raises:
         BenchError: the plotting library uPlot is not installed.
     """
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(PAGE_FOLDER),
-        autoescape=True, trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
     groups = [group for group in groups if group[-1]]
     contents = make_contents(runs, groups)
     transient = find_transient(summaries, contents["end"])
     several = len(runs) > 1
     tracks = [run["film"]["tracks"] for run in contents["runs"] if run["film"]]
-    return environment.get_template("index.html").render(
+    return ENVIRONMENT.get_template("index.html").render(
         title=make_title(runs),
         uplot_style=read_uplot(STYLE), uplot_script=read_uplot(SCRIPT),
         colours=make_css(REPORT) + make_css(REPORT_DARK, "[data-theme=dark]"),
@@ -115,15 +115,9 @@ def _describe_tracks(tracks: Sequence[Mapping[str, object] | None]) -> str:
 def _render_run(run: Run, quantities: Sequence[Quantity]) -> Mapping[str, object]:
     settings = {key: format_quantity(value, find_unit(key)) for key, value in run.settings.items()}
     main_settings = ", ".join(f"{key} {value}" for key, value in list(settings.items())[:7])
-    return {
-        "name": run.name, "outcome": run.outcome, "verdict": run.verdict.name,
-        "converged": run.is_held_at_goal, "reached": run.verdict.is_reached, "reason": run.reason,
-        "remedy": run.remedy, "quantities": quantities[:MAX_ROWS],
-        "more": len(quantities[MAX_ROWS:]),
-        "settings": list(settings.items()), "versions": list(run.versions.items()),
-        "experiment": run.yaml,
-        "meta": " · ".join(filter(None, (run.name, run.source, main_settings))),
-    }  # fmt: skip
+    meta = " · ".join(filter(None, (run.name, run.source, main_settings)))
+    return {"run": run, "quantities": quantities[:MAX_ROWS], "more": len(quantities[MAX_ROWS:]),
+            "settings": settings, "meta": meta}  # fmt: skip
 
 
 def render_tiles(quantities: Sequence[Quantity]) -> list[Mapping[str, str]]:

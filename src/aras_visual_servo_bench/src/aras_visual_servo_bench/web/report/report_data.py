@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from ...metrics.formatting import format_heading
-from ...plots.camera_figures import interpolate_poses, select_servoing_poses
+from ...plots.camera_figures import compute_face_corners, select_servoing_poses
 from ...plots.palette import LIVE_CURVES, SCENE, to_rgb
-from ...plots.panels import Panel, find_last_time
+from ...plots.panel import Panel
+from ...plots.panels import find_last_time
 from ...recording.film import encode_film, select_frames
 from ...recording.image_tracks import compute_tracks, find_milestones
 from ...recording.run import Run
@@ -29,6 +30,8 @@ from ...visualization.drawing_shapes import (
 MAX_POSES = 2000  # largest number of poses of a camera path
 # Largest number of points of an image trajectory, because the film draws all points at each time.
 MAX_TRACK_POINTS = 5000
+# number of points of the dashed straight path; each pair of points is a dash
+STRAIGHT_POINTS = 40
 FRUSTUM_SIZE = 0.2  # length of a drawn camera, relative to the size of the scene
 MIN_SCENE_SIZE = 0.02  # smallest size of the scene, m
 START, GOAL, IDEAL, FACE, RIM = (
@@ -161,16 +164,6 @@ def _convert_tracks(run: Run, arrays: ArrayTable) -> dict[str, Any] | None:
     }  # fmt: skip
 
 
-def _select_joint_states(run: Run) -> np.ndarray:
-    """Return the indices (p,) of joint states during servoing at which the camera's pose is known.
-
-    If there are more than MAX_POSES, evenly spaced joint states are selected.
-    """
-    is_known = run.servoing & np.isfinite(run.true_pose).all(axis=(1, 2))
-    at = np.flatnonzero(is_known)
-    return at[_select_evenly(len(at), MAX_POSES)]
-
-
 def _select_evenly(count: int, limit: int) -> np.ndarray:
     """Return the indices of all of `count` rows, or of `limit` evenly spaced ones."""
     return np.unique(np.linspace(0, count - 1, min(limit, count)).astype(int))
@@ -179,9 +172,11 @@ def _select_evenly(count: int, limit: int) -> np.ndarray:
 def _convert_poses(run: Run, arrays: ArrayTable) -> dict[str, int] | None:
     """Return the path of the camera, and the joints' 3-D positions for a drawing of the arm.
 
-    A pose is the first three rows of world_T_camera, row by row. Return None if no pose is known.
+    A pose is the first three rows of world_T_camera, row by row. If there are more than MAX_POSES,
+    evenly spaced ones are selected. Return None if no pose is known.
     """
-    at = _select_joint_states(run)
+    at = np.flatnonzero(run.servoing & np.isfinite(run.true_pose).all(axis=(1, 2)))
+    at = at[_select_evenly(len(at), MAX_POSES)]
     time, poses = run.joint_time[at], run.true_pose[at]
     if not len(time):
         return None
@@ -202,7 +197,7 @@ def _make_scene(runs: Sequence[Run]) -> dict[str, Any] | None:
     if not any(map(len, paths)):
         return None
     goals = [run.goal_pose for run in runs if np.isfinite(run.goal_pose).all()]
-    corners = _find_corners(runs[0])
+    corners = compute_face_corners(runs[0])
     points = np.vstack([*(path[:, :3, 3] for path in paths), *(g[None, :3, 3] for g in goals),
                         corners])  # fmt: skip
     low, high = points.min(axis=0), points.max(axis=0)
@@ -216,23 +211,25 @@ def _make_scene(runs: Sequence[Run]) -> dict[str, Any] | None:
             continue
         run_shapes = [DrawingShape("path", STRIP, path[:, :3, 3], (*colour, 1.0), 0.01 * size)]
         if np.isfinite(run.goal_pose).all():
-            ideal = interpolate_poses(path[0], run.goal_pose)[:, :3, 3]
+            ideal = np.linspace(path[0, :3, 3], run.goal_pose[:3, 3], STRAIGHT_POINTS)
             run_shapes.append(DrawingShape("straight", LINES, ideal, (*IDEAL, 0.8), 0.003 * size))
             if border is not None:
-                run_shapes += make_frustum("goal", run.goal_pose, border, FRUSTUM_SIZE * size,
-                               (*(IDEAL if several else GOAL), 0.9))  # fmt: skip
+                goal_colour = (*(IDEAL if several else GOAL), 0.9)
+                run_shapes += make_frustum(
+                    "goal", run.goal_pose, border, FRUSTUM_SIZE * size, goal_colour
+                )
         if border is not None:
-            run_shapes += make_frustum("start", path[0], border, FRUSTUM_SIZE * size,
-                           (*(IDEAL if several else START), 0.6))  # fmt: skip
+            start_colour = (*(IDEAL if several else START), 0.6)
+            run_shapes += make_frustum("start", path[0], border, FRUSTUM_SIZE * size, start_colour)
         shapes[str(number)] = run_shapes
     return {
         "middle": (0.5 * (low + high)).tolist(), "size": size, "camera_size": FRUSTUM_SIZE,
         "shapes": {key: [[shape.name, shape.to_json()] for shape in some]
                    for key, some in shapes.items()},
-        "arm": FACE, "colours": [[*(_choose_colour(k) if several else RIM), 1.0]
-            for k in range(len(runs))],
-        "rims": [[] if border is None else place_on_image_plane(border, border,
-            FRUSTUM_SIZE * size).tolist()
+        "arm": FACE,
+        "colours": [[*(_choose_colour(k) if several else RIM), 1.0] for k in range(len(runs))],
+        "rims": [[] if border is None
+                 else place_on_image_plane(border, border, FRUSTUM_SIZE * size).tolist()
                  for border in borders],
     }  # fmt: skip
 
@@ -240,14 +237,6 @@ def _make_scene(runs: Sequence[Run]) -> dict[str, Any] | None:
 def _choose_colour(number: int) -> tuple[float, float, float]:
     """Return the colour of the run with the index `number` in the 3-D view."""
     return to_rgb(LIVE_CURVES[number % len(LIVE_CURVES)])
-
-
-def _find_corners(run: Run) -> np.ndarray:
-    """Return the corners (c, 3) of the target's face in the world frame; c = 0 if unknown."""
-    if run.target is None:
-        return np.zeros((0, 3))
-    pose = run.target.world_T_target(run.start_stamp)
-    return run.target.shape.vertices() @ pose[:3, :3].T + pose[:3, 3]
 
 
 def _triangulate_face(corners: np.ndarray) -> list[DrawingShape]:

@@ -27,7 +27,7 @@ from ...metrics.formatting import make_printable
 from ...metrics.run_tables import TableColumn, make_image_columns, make_joint_columns
 from ...metrics.summary import Quantity, make_mapping, summarise
 from ...plots import camera_figures, panels, style, time_plots
-from ...plots.panels import Panel
+from ...plots.panel import Panel
 from ...plots.style import FILE_FORMATS
 from ...plots.time_plots import Layout
 from ...recording.run import Run
@@ -86,30 +86,27 @@ CHAPTERS: tuple[tuple[Chapter, ...], ...] = (
              "down, z forward. Dashed: desired twist.", None, panels.make_twist_panels,
              "Twist of the camera", Layout(2.1), MEASURED)),
     (Chapter("image_trajectory", "Image plane", "Trajectories in the image, drawn on the last "
-                                                "image.",
-             camera_figures.draw_image_trajectory, needs=MEASURED),
+             "image.", camera_figures.draw_image_trajectory, needs=MEASURED),
      Chapter("camera_path", "Path", "Path of the camera in the world frame. Drawn cameras "
-             "open along their optical axis.",
-             camera_figures.draw_camera_path, needs=POSES)),
+             "open along their optical axis.", camera_figures.draw_camera_path, needs=POSES)),
     (Chapter("joint_positions", "Joints", "Red: limits in the robot description.", None,
-        panels.make_joint_panels,
-             "Positions", Layout(1.25, columns=2, second_column="Speeds"),
+             panels.make_joint_panels, "Positions",
+             Layout(1.25, columns=2, second_column="Speeds"),
              "joints that move the camera"),),
     (Chapter("conditioning", "Conditioning", "Condition number of L, without components of the "
              "twist that the scheme does not control, and of L J, which the controller inverts. "
              "Scale: factor by which speed and acceleration limits reduce the desired twist.", None,
              panels.make_conditioning_panels, "Conditioning", Layout(1.5), MEASURED),
      Chapter("timing", "Timing", "All times are simulated times. The simulator reports the "
-                                 "real-time "
-             "factor. A negative delay means that an image arrived before the clock message with "
-             "its "
-             "time.", None, panels.make_timing_panels, "Time between images",
+             "real-time factor. A negative delay means that an image arrived before the clock "
+             "message with its time.", None, panels.make_timing_panels, "Time between images",
              Layout(1.5), "at least three images")),
 )  # fmt: skip
 # Number of processes that draw figures. More processes would not help, because the slowest row of
 # chapters determines the time.
 DRAWING_PROCESSES = 2
-CHAPTER_NAMES = tuple(part.name for row in CHAPTERS for part in row)
+# metadata of figures without the date, so that equal figures have equal files
+NO_DATE = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 
 
 def write_report(
@@ -207,8 +204,9 @@ class _ReportWriter:
         self._write_numbers(summaries)
         for number, run in enumerate(self.runs):
             label = "" if len(self.runs) == 1 else f"{number + 1}_"
-            for name, table in make_tables(run).items():
-                self._write_text(self.out / "data" / f"{label}{name}.csv", table)
+            tables = {"images": make_image_columns(run), "joints": make_joint_columns(run)}
+            for name, columns in tables.items():
+                self._write_text(self.out / "data" / f"{label}{name}.csv", _format_csv(columns))
         self._report_progress("page")
         footer = f"Written {datetime.now():%Y-%m-%d %H:%M} by aras_visual_servo_bench analyze."
         parts = [part for row in CHAPTERS for part in row]
@@ -279,7 +277,7 @@ class _ReportWriter:
             for name, figure in drawn:
                 for kind in self.formats:
                     written.append(self.out / "figures" / f"{name}.{kind}")
-                    written[-1].write_bytes(_encode_figure(figure, kind))
+                    figure.savefig(written[-1], format=kind, metadata=NO_DATE.get(kind))
                 plt.close(figure)
         return written
 
@@ -293,19 +291,6 @@ def _set_shared_report(report: _ReportWriter) -> None:
 
 def _draw_row(number: int) -> tuple[int, list[Path]]:
     return number, _shared.draw_row(number)
-
-
-def _encode_figure(figure: Figure, kind: str) -> bytes:
-    stream = io.BytesIO()
-    plain = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)
-    figure.savefig(stream, format=kind, metadata=plain)
-    return stream.getvalue()
-
-
-def make_tables(run: Run) -> dict[str, str]:
-    """Return two CSV texts: `images` has a row per image, `joints` a row per joint state."""
-    return {"images": _format_csv(make_image_columns(run)),
-            "joints": _format_csv(make_joint_columns(run))}  # fmt: skip
 
 
 def _format_csv(columns: Mapping[str, TableColumn]) -> str:

@@ -3,16 +3,16 @@ written row by row, and bounds from both sides."""
 
 import numpy as np
 import pytest
-from loop_rig import an_image, an_output
+from loop_rig import an_image
 
 from aras_visual_servo_controller.diagnosis.camera_model_check import DIRECTIONS, CameraModelCheck
+from aras_visual_servo_controller.diagnosis.feature_rows import pack_features
 from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 
 
 def test_only_an_image_that_follows_another_counts():
     """Of a pair one of which has no L, no motion or other features, nothing can be said."""
     L, twist = np.ones((2, 6)), 0.01 * np.ones(6)
-    tolerances = np.full(2, 1e-3)
     wrong = [-0.2 * k * np.ones(2) for k in range(8)]  # against the motion: found at once
 
     def said(change):
@@ -22,8 +22,8 @@ def test_only_an_image_that_follows_another_counts():
             seen = {"motion": twist}
             if k % 2:
                 change(decision, seen)
-            evidence.add(an_output(**decision), an_image(0.0, 1 / 30, seen["motion"]),
-                         np.full(len(decision["error"]), 1e-3))
+            evidence.add(pack_features(**decision, tolerances=1e-3, is_angle=True),
+                         an_image(0.0, 1 / 30, seen["motion"]))
         return evidence.find_fault()
 
     assert said(lambda decision, seen: None)
@@ -32,14 +32,14 @@ def test_only_an_image_that_follows_another_counts():
     assert not said(lambda decision, seen: decision.update(L=np.ones((3, 6)), error=np.ones(3)))
     evidence = CameraModelCheck()
     for error in wrong:
-        evidence.add(an_output(error, L), an_image(0.0, 1 / 30), tolerances)
+        evidence.add(pack_features(error, L, 0.0, 1e-3, True), an_image(0.0, 1 / 30))
     assert not evidence.find_fault()
 
 
 def shown(evidence, error, L, motion, tolerances, error_drift=0.0, joints=None):
     """Add one image to a CameraModelCheck, after a motion (6,) of the camera."""
-    evidence.add(an_output(error, L, error_drift=error_drift),
-                 an_image(0.0, 1 / 30, motion, joints=joints), tolerances)
+    evidence.add(pack_features(error, L, error_drift, tolerances, True),
+                 an_image(0.0, 1 / 30, motion, joints=joints))
 
 
 def seen_by(

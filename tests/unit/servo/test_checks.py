@@ -2,18 +2,20 @@
 
 import numpy as np
 import pytest
-from loop_rig import an_image, an_output, scaled
+from loop_rig import an_image, scaled
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.diagnosis.ambiguous_poses import AmbiguousPoses
+from aras_visual_servo_controller.diagnosis.area_check import AreaCheck, predict_distance
 from aras_visual_servo_controller.diagnosis.diagnoses.wrong_object import ShapeCheck
+from aras_visual_servo_controller.diagnosis.feature_rows import pack_features
 from aras_visual_servo_controller.diagnosis.gain_check import GainCheck
 from aras_visual_servo_controller.diagnosis.joint_tracking_check import JointTrackingCheck
 from aras_visual_servo_controller.diagnosis.oscillation_check import OscillationCheck
-from aras_visual_servo_controller.diagnosis.step_check import StepCheck, predict_distance
+from aras_visual_servo_controller.diagnosis.step_check import StepCheck
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws import Proportional
 from aras_visual_servo_controller.observation.observation import Observation
@@ -354,7 +356,6 @@ def test_joints_are_named_together_once_the_loop_has_waited_for_a_second_and_a_h
 
 
 DT, COUNT = 1 / 30, 3
-ANGLES = np.zeros(COUNT, bool)
 TOLERANCES = np.full(COUNT, 1e-3)
 OUTLINE = np.array([[-0.1, -0.08], [0.1, -0.09], [0.08, 0.1], [-0.07, 0.06]])
 GOAL = Goal(
@@ -371,8 +372,8 @@ def followed(images, error_of, check=None, rests=0):
     for k in range(images):
         motion = 4e-3 * np.cos([0.1 * k, 0.3, 0.2 * k, 0.0, 0.0, 0.1]) * (k >= rests)
         told = told + L @ motion * (k > 0)
-        decision = an_output(error_of(k, told), L, names=("x", "y", "size"))
-        check.add(decision, an_image(k * DT, DT, motion), TOLERANCES, ANGLES)
+        features = pack_features(error_of(k, told), L, 0.0, TOLERANCES, False)
+        check.add(features, ("x", "y", "size"), an_image(k * DT, DT, motion))
     return check
 
 
@@ -435,13 +436,13 @@ def view(area, stamp=0.0, height=1.0, touched_borders=()):
 
 
 def test_a_part_that_disappears_inside_the_image_is_covered_until_it_comes_back():
-    check = StepCheck()
+    check = AreaCheck(GOAL)
     for k, area in enumerate([1.0] * 10 + [0.7] * 10):
-        check.add_area(view(area, k * DT), GOAL)
+        check.add(view(area, k * DT))
     assert check.occluded_since == pytest.approx(10 * DT) and check.visible_part == pytest.approx(
         0.7
     )
-    check.add_area(view(1.0, 1.0), GOAL)
+    check.add(view(1.0, 1.0))
     assert check.occluded_since is None
 
 
@@ -453,9 +454,9 @@ def test_a_part_that_disappears_inside_the_image_is_covered_until_it_comes_back(
     [view(1.0)] * 10 + [view(0.7, height=0.9)] * 10,  # it went back by as much
 ])  # fmt: skip
 def test_what_is_not_covered(seen):
-    check = StepCheck()
+    check = AreaCheck(GOAL)
     for observation in seen:
-        check.add_area(observation, GOAL)
+        check.add(observation)
     assert check.occluded_since is None
 
 

@@ -29,6 +29,7 @@ from aras_visual_servo_controller.diagnosis.diagnoses.contradictions import is_g
 from aras_visual_servo_controller.diagnosis.diagnoses.target_moves import split_by_camera
 from aras_visual_servo_controller.diagnosis.diagnosis import Diagnosis, diagnose
 from aras_visual_servo_controller.diagnosis.evidence import Evidence
+from aras_visual_servo_controller.diagnosis.feature_rows import pack_features
 from aras_visual_servo_controller.diagnosis.target_motion_check import TargetMotionCheck
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.features import Feature, FeatureMeasurement, Stack
@@ -375,8 +376,8 @@ def checked(is_faulty):
     """Return a CameraModelCheck after 30 images, whose translations may go the wrong way."""
     check, way = CameraModelCheck(), 1e-2 * np.array([1.0, 1.0, 0.5, 0.0, 0.0, 0.0])
     for k in range(30 * is_faulty):
-        check.add(an_output(-k * way[:3], np.eye(6)[:3]), an_image(k / 30.0, 1 / 30, way),
-                  np.full(3, 1e-3))  # fmt: skip
+        features = pack_features(-k * way[:3], np.eye(6)[:3], 0.0, 1e-3, True)
+        check.add(features, an_image(k / 30.0, 1 / 30, way))
     assert bool(check.find_fault()) is is_faulty
     return check
 
@@ -417,14 +418,12 @@ def test_features_are_judged_by_the_camera_whose_name_they_have():
     right = an_image(0.0, 0.1, name="right")
     seen = an_image(0.0, 0.1, name="left", other_cameras={"right": right})
     L = np.arange(24.0).reshape(4, 6)
-    whole = an_output(1.0 + np.arange(4.0), L, names=names, error_drift=np.array([0.5]))
-    parts = {
-        camera: (part.error.tolist(), part.L.tolist(), tolerances.tolist())
-        for camera, part, tolerances, _ in split_by_camera(whole, seen, np.arange(9.0, 5.0, -1.0))
-    }
-    assert parts == {"left": ([1, 3], L[[0, 2]].tolist(), [9, 7]),
-                     "right": ([2], L[[1]].tolist(), [8]), "": ([4], L[[3]].tolist(), [6])}
-    assert not list(split_by_camera(replace(whole, L=None), seen, np.ones(4)))
+    tolerances = np.arange(9.0, 5.0, -1.0)
+    whole = pack_features(1.0 + np.arange(4.0), L, np.array([0.5]), tolerances, True)
+    parts = {camera: part.tolist() for camera, part in split_by_camera(whole, names, seen)}
+    assert parts == {"left": whole[[0, 2]].tolist(), "right": whole[[1]].tolist(),
+                     "": whole[[3]].tolist()}
+    assert not list(split_by_camera(None, names, seen))
 
 
 def test_a_goal_that_one_of_the_cameras_has_not_shown_is_not_shown():

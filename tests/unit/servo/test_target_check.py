@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from loop_rig import an_image, an_output
+from loop_rig import an_image
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_controller.diagnosis.feature_rows import pack_features
 from aras_visual_servo_controller.diagnosis.target_motion_check import TargetMotionCheck
 from aras_visual_servo_controller.goals.goal import Goal
 
@@ -48,9 +49,9 @@ def watched(images, moves, camera=swaying, count=6, known=0.0, check=None, L=Non
             error = error + 2.0 * np.pi * np.eye(count)[1]
         off = noise * draw.normal(size=count) + jumps * (-1) ** (k // 4)
         said.append(check.add(
-            an_output(error + off * tolerances, L, error_drift=known * own),
+            pack_features(error + off * tolerances, L, known * own, tolerances, True),
             an_image(**{"stamp": t, "dt": dt, "motion": motion, "world_T_camera": pose, **seen}),
-            None, tolerances, True,
+            None,
         ))  # fmt: skip
     return said
 
@@ -121,13 +122,12 @@ def test_other_features_and_images_without_any_begin_anew():
 def test_what_has_no_centre_or_no_depth_is_not_judged_by_it():
     seen = Moments.from_polygon(np.array([(-0.1, -0.05), (0.12, -0.04), (0.08, 0.06)]), 2)
     none = Moments(2, "dense", 0.0, 0.0, 0.0, np.zeros((3, 3)))
-    error = an_output(np.zeros(4))
     for now, goal in ((seen, Goal(moments=seen)), (none, Goal(moments=seen, depth=0.5)),
                       (None, Goal(moments=seen, depth=0.5)), (seen, Goal(depth=0.5))):  # fmt: skip
         check = TargetMotionCheck()
         for k in range(3):
             image = an_image(k * DT, DT, swaying(k * DT), world_T_camera=POSE, moments=now)
-            assert not check.add(error, image, goal, np.ones(4), False)
+            assert not check.add(None, image, goal)
 
 
 @pytest.mark.parametrize("unknown", ["motion", "world_T_camera"])

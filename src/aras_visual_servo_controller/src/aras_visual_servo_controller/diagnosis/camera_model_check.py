@@ -11,7 +11,7 @@ from aras_visual_servo_base.compiled import jit
 from ..kinematics.joint_sample import JointSample
 from ..kinematics.task import DIRECTIONS
 from ..observation.observation import Observation
-from ..schemes.base import SchemeOutput
+from .feature_rows import DRIFT, ERROR, FIRST_L, IS_ANGLE, TOLERANCE
 
 
 class CameraModelCheck:
@@ -95,8 +95,9 @@ class CameraModelCheck:
                 motion is exact.
         """
         self._jacobian = jacobian
+        # Joints and features (see `feature_rows`) of the last image.
         self._joints: JointSample | None = None
-        self._last_measurement: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+        self._last_features: np.ndarray | None = None
         self._normal, self._right = np.zeros((6, 6)), np.zeros(6)
         self._square = self._path_length = 0.0
         # Last row of the fit: predicted motion (k, 6) and measured motion (k,). The sums
@@ -109,68 +110,54 @@ class CameraModelCheck:
 
     def interrupt(self) -> None:
         """Forget the previous image, because the image after it had no measurement."""
-        self._last_measurement = self._joints = self._last_row = None
+        self._last_features = self._joints = self._last_row = None
 
-    def add(
-        self, scheme_output: SchemeOutput, observation: Observation, tolerances: np.ndarray,
-        is_angle: np.ndarray | None = None,
-    ) -> None:
+    def add(self, features: np.ndarray | None, observation: Observation) -> None:
         """Add one image.
 
         Args:
-            scheme_output: measurement of the image.
+            features: (k, 10) features of the image, see `feature_rows`; None if there is no L.
             observation: observation of the image.
-            tolerances: (k,) tolerance of each component of the error.
-            is_angle: (k,) whether each component is an angle, which may wrap; None if all may wrap.
         """
-        is_angle = np.ones(len(tolerances), bool) if is_angle is None else is_angle
-        L, error = scheme_output.L, scheme_output.error
-        before, self._last_measurement = self._last_measurement, None
+        before, self._last_features = self._last_features, features
         joints, self._joints = self._joints, observation.joints
-        if L is None or L.shape != (len(error), 6):
+        if features is None:
             return
-        self._last_measurement = (
-            error,
-            np.asarray(L, float),
-            np.array(scheme_output.error_drift, float, ndmin=1),
-        )
-        if before is None or observation.motion is None or len(before[0]) != len(error):
-            self._start_row(error)
+        if before is None or observation.motion is None or len(before) != len(features):
+            self._start_row(features)
             return
         predicted, wrapped, L_change = _predict_motion(
-            *before, *self._last_measurement, observation.motion, observation.dt, tolerances,
-            self._parts,
-            self._target_motion, is_angle,
-        )  # fmt: skip
-        if wrapped or L_change > max(self.MAX_L_CHANGE * predicted, self.MIN_ROW):
-            self._start_row(error)
-            return
-        self._images += 1
-        self._shaking = max(
-            self._shaking,
-            self._estimate_shaking(
-                joints, observation.joints, self._last_measurement[1], tolerances
-            ),
+            before, features, observation.motion, observation.dt, self._sums
         )
+        if wrapped or L_change > max(self.MAX_L_CHANGE * predicted, self.MIN_ROW):
+            self._start_row(features)
+            return
+        self._images.append((joints, observation.joints, features))
         if predicted >= self.MIN_ROW:
-            self._add_row(predicted, (error - self._start_error - self._target_motion) / tolerances)
-        if predicted >= self.MIN_ROW or self._images >= self.MAX_IMAGES_PER_ROW:
-            self._start_row(error)
+            self._add_row(predicted, features)
+        if predicted >= self.MIN_ROW or len(self._images) >= self.MAX_IMAGES_PER_ROW:
+            self._start_row(features)
 
-    def _start_row(self, error: np.ndarray) -> None:
-        """Start a new row of the fit, a sum of motions, at an image with this error (k,)."""
-        self._start_error, self._parts = error, np.zeros((len(error), 6))
-        self._images, self._shaking, self._target_motion = 0, 0.0, np.zeros(len(error))
+    def _start_row(self, features: np.ndarray) -> None:
+        """Start a new row of the fit, a sum of motions, at an image with these features."""
+        self._start_error = features[:, ERROR]
+        # Motion of each feature since the start of the row, by direction of the camera's motion and
+        # due to the target; see `_predict_motion`.
+        self._sums = np.zeros((len(features), 7))
+        # For each image of the row: joints at the previous and at this image, and the features.
+        self._images: list[tuple[JointSample | None, JointSample | None, np.ndarray]] = []
 
-    def _add_row(self, predicted: float, measured: np.ndarray) -> None:
+    def _add_row(self, predicted: float, features: np.ndarray) -> None:
         """Add the sums over the latest images to the normal equations, as one row of the fit.
 
         Args:
             predicted: largest predicted motion of a feature, in units of the tolerance.
-            measured: (k,) measured motion of the features, in units of the tolerance.
+            features: (k, 10) features of the latest image, see `feature_rows`.
         """
-        weight = 1.0 / (1.0 + self.SHAKING_FACTOR * self._shaking)
-        parts, measured = weight * self._parts, weight * measured
+        weight = 1.0 / (1.0 + self.SHAKING_FACTOR * self._estimate_shaking())
+        measured = features[:, ERROR] - self._start_error - self._sums[:, 6]
+        measured = weight * (measured / features[:, TOLERANCE])
+        parts = weight * self._sums[:, :6]
         self._normal += parts.T @ parts
         self._right += parts.T @ measured
         self._square += float(measured @ measured)
@@ -184,29 +171,21 @@ class CameraModelCheck:
         self._rows += len(measured)
         self._fault = None
 
-    def _estimate_shaking(
-        self,
-        before: JointSample | None,
-        now: JointSample | None,
-        L: np.ndarray,
-        tolerances: np.ndarray,
-    ) -> float:
+    def _estimate_shaking(self) -> float:
         """Return an upper bound of the feature motion that the joint speeds do not explain.
 
         Between two images, a joint may move differently than its speeds at these images predict.
-        The bound is in units of the tolerance of the features.
-
-        Args:
-            before, now: joint positions and velocities at the previous and at the present image.
-            L: (k, 6) interaction matrix of the features.
-            tolerances: (k,) tolerance of each component of the error.
+        The bound is the largest one of the images of the row, in units of the tolerance.
         """
-        if self._jacobian is None or before is None or now is None:
-            return 0.0
-        return _compute_unexplained(
-            before.positions, before.velocities, now.positions, now.velocities,
-            now.stamp - before.stamp, self.LATE_PART, self._jacobian(now.positions), L, tolerances,
-        )  # fmt: skip
+        greatest = 0.0
+        for before, now, features in self._images:
+            if self._jacobian is not None and before is not None and now is not None:
+                greatest = max(greatest, _compute_unexplained(
+                    before.positions, before.velocities, now.positions, now.velocities,
+                    now.stamp - before.stamp, self.LATE_PART, self._jacobian(now.positions),
+                    features,
+                ))  # fmt: skip
+        return greatest
 
     def find_fault(self) -> str:
         """Describe how the features contradict the camera model.
@@ -356,37 +335,16 @@ def _fit_scales(
     return depth, misfit / square, rest, first, second, scale[max(first, 0)], second_scale
 
 
-@jit("f8[:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], f8[:], f8, f8[:], f8[:,::1], f8[::1], "
-          "b1[:]", allocates=False)
-def _predict_motion(
-    error_before,
-    L_before,
-    error_drift_before,
-    error,
-    L,
-    error_drift,
-    motion,
-    dt,
-    tolerances,
-    parts,
-    target_motion,
-    is_angle,
-):
-    """Predict the features' motion since the previous image, and add it to `parts`.
+@jit("f8[:,::1], f8[:,::1], f8[:], f8, f8[:,::1]", allocates=False)
+def _predict_motion(before, now, motion, dt, sums):
+    """Predict the features' motion since the previous image, and add it to `sums`.
 
     Args:
-        error_before, error: (k,) error at the previous and at the present image.
-        L_before, L: (k, 6) interaction matrix at each of the two images.
-        error_drift_before, error_drift: (k,) or (1,) rate of each error component due to the
-            target's motion, per s.
+        before, now: (k, 10) features of the previous and of the present image, see `feature_rows`.
         motion: (6,) camera motion between the two images.
         dt: time between the two images, s.
-        tolerances: (k,) unit of `parts`.
-        parts: (k, 6) motion of each feature due to each direction of the camera, summed over the
-            images of a row, in units of the tolerance; modified in place.
-        target_motion: (k,) motion of each feature due to the target, summed over the images of a
-            row; modified in place.
-        is_angle: (k,) whether each component is an angle, which may wrap.
+        sums: (k, 7) motion of each feature due to each direction of the camera, in units of the
+            tolerance, and (last column) due to the target; modified in place.
 
     Returns:
         The largest predicted motion of a feature in this row, in units of the tolerance; whether an
@@ -394,29 +352,26 @@ def _predict_motion(
         L, in units of the tolerance.
     """
     widest, greatest, wrapped, interaction_change = 0.0, 0.0, False, 0.0
-    for i in range(len(error)):
-        if is_angle[i]:
-            widest = max(widest, tolerances[i])
-    for i in range(len(error)):
-        predicted = changed = 0.0
+    for i in range(len(now)):
+        if now[i, IS_ANGLE] > 0.0:
+            widest = max(widest, now[i, TOLERANCE])
+    for i in range(len(now)):
+        predicted, changed, tolerance = 0.0, 0.0, now[i, TOLERANCE]
         for j in range(6):
-            parts[i, j] += 0.5 * (L_before[i, j] + L[i, j]) * motion[j] / tolerances[i]
-            predicted += parts[i, j]
-            changed += (L[i, j] - L_before[i, j]) * motion[j] / tolerances[i]
+            L_before, L = before[i, FIRST_L + j], now[i, FIRST_L + j]
+            sums[i, j] += 0.5 * (L_before + L) * motion[j] / tolerance
+            predicted += sums[i, j]
+            changed += (L - L_before) * motion[j] / tolerance
         interaction_change = max(interaction_change, abs(changed))
         greatest = max(greatest, abs(predicted))
-        if is_angle[i]:
-            wrapped |= abs(error[i] - error_before[i]) / tolerances[i] > 1.0 / widest
-        drift_sum = (
-            error_drift_before[min(i, len(error_drift_before) - 1)]
-            + error_drift[min(i, len(error_drift) - 1)]
-        )
-        target_motion[i] += 0.5 * drift_sum * dt
+        if now[i, IS_ANGLE] > 0.0:
+            wrapped |= abs(now[i, ERROR] - before[i, ERROR]) / tolerance > 1.0 / widest
+        sums[i, 6] += 0.5 * (before[i, DRIFT] + now[i, DRIFT]) * dt
     return greatest, wrapped, interaction_change
 
 
-@jit("f8[:], f8[:], f8[:], f8[:], f8, f8, f8[:,:], f8[:,:], f8[:]", allocates=False)
-def _compute_unexplained(q_before, v_before, q, v, dt, late, jacobian, L, tolerances):
+@jit("f8[:], f8[:], f8[:], f8[:], f8, f8, f8[:,:], f8[:,::1]", allocates=False)
+def _compute_unexplained(q_before, v_before, q, v, dt, late, jacobian, features):
     """Return the largest feature motion that the joint speeds do not explain.
 
     A joint may move differently between two images than its speeds at these images predict. The
@@ -428,17 +383,16 @@ def _compute_unexplained(q_before, v_before, q, v, dt, late, jacobian, L, tolera
         dt: time between the two images, s.
         late: fraction of dt in which a joint may still move at its previous speed.
         jacobian: (6, n) Jacobian of the arm.
-        L: (k, 6) interaction matrix of the features.
-        tolerances: (k,) tolerances of the features.
+        features: (k, 10) features of the later image, see `feature_rows`.
     """
     greatest = 0.0
     for j in range(len(q)):
         change = v[j] - v_before[j]
         expected = (v_before[j] + 0.5 * change) * dt
         unexplained = abs(q[j] - q_before[j] - expected) + late * dt * abs(change)
-        for i in range(len(L)):
+        for i in range(len(features)):
             moved = 0.0
             for k in range(6):
-                moved += L[i, k] * (jacobian[k, j] * unexplained)
-            greatest = max(greatest, abs(moved / tolerances[i]))
+                moved += features[i, FIRST_L + k] * (jacobian[k, j] * unexplained)
+            greatest = max(greatest, abs(moved / features[i, TOLERANCE]))
     return greatest

@@ -45,8 +45,7 @@ class Evidence:
         is_running_away: whether the target itself must have moved, because the features have just
             moved farther than any camera motion explains.
         error: (k,) error of the latest image, in units of the tolerance.
-        tolerances: (k,) tolerances of the scheme.
-        is_angle: (k,) whether each component is an angle, which may wrap.
+        features: (k, 10) features of the latest image, see `feature_rows`; None if there is no L.
         target_motion: motion of the target, as text; empty if it is at rest.
         oscillation: outcome for an oscillating error, or None.
         is_oscillation_fast: whether the error oscillates faster than the target motions that
@@ -55,8 +54,7 @@ class Evidence:
     """
 
     error: np.ndarray
-    tolerances: np.ndarray
-    is_angle: np.ndarray
+    features: np.ndarray | None
 
     def __init__(self, run_context: RunContext) -> None:
         self.run_context = run_context
@@ -66,7 +64,7 @@ class Evidence:
         self.joint_check = JointTrackingCheck(run_context.names, run_context.joint_units)
         self.target_check = TargetMotionCheck()
         self.motion_check = FeatureMotionCheck(
-            run_context.scheme is not None and is_user_scheme(run_context.scheme)
+            run_context.goal, run_context.scheme is not None and is_user_scheme(run_context.scheme)
         )
         self.camera_checks: dict[str, CameraModelCheck] = {}
         self.last_touched_borders = ""
@@ -87,7 +85,7 @@ class Evidence:
     @property
     def is_occluded(self) -> bool:
         """Return whether something covers a part of the target."""
-        return self.motion_check.step_check.occluded_since is not None
+        return self.motion_check.area_check.occluded_since is not None
 
     def find_contradiction(self) -> str:
         """Describe how the features have contradicted L during the run.
@@ -127,17 +125,17 @@ class Evidence:
 
         Otherwise return `candidate`.
         """
-        steps = self.motion_check.step_check
+        area = self.motion_check.area_check
         if (
-            steps.occluded_since is None
+            area.occluded_since is None
             or candidate.kind not in CONSEQUENCES
             or self.progress_check.noise
         ):
             return candidate
         return Outcome(
             "wrong_object",
-            f"something has covered the target since {steps.occluded_since:.2f} s; "
-            f"{100.0 * steps.visible_part:.0f} % of it is visible; {candidate.reason}",
+            f"something has covered the target since {area.occluded_since:.2f} s; "
+            f"{100.0 * area.visible_part:.0f} % of it is visible; {candidate.reason}",
             UNCOVER_TARGET,
         )
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from ..goals.goal import Goal
 from ..observation.observation import Observation
-from ..schemes.base import SchemeOutput
+from .area_check import AreaCheck
+from .feature_rows import pack_features
 from .joint_tracking_check import join_names
 from .step_check import StepCheck
 from .target_motion_check import TargetMotionCheck, compute_centre
@@ -44,18 +43,16 @@ class FeatureMotionCheck:
 
     Attributes:
         step_check: check of the steps of the features.
+        area_check: check of the target's visible area and centre.
         is_user_scheme: whether the scheme or one of its features is user code.
         is_current_interaction: whether the scheme computes L at the present view, so that L
             predicts the effect of the camera's motion. False for L at the goal, a mean or an
             estimate.
     """
 
-    def __init__(self, is_user_scheme: bool = False) -> None:
-        self.step_check, self.is_user_scheme, self.is_current_interaction = (
-            StepCheck(),
-            is_user_scheme,
-            True,
-        )
+    def __init__(self, goal: Goal | None, is_user_scheme: bool = False) -> None:
+        self.step_check, self.area_check = StepCheck(), AreaCheck(goal)
+        self.is_user_scheme, self.is_current_interaction = is_user_scheme, True
         self._centre_check = StepCheck(CENTRE_MIN_ROW) if is_user_scheme else None
 
     def interrupt(self) -> None:
@@ -65,25 +62,20 @@ class FeatureMotionCheck:
             self._centre_check.interrupt()
 
     def add(
-        self,
-        scheme_output: SchemeOutput,
-        observation: Observation,
-        goal: Goal,
-        tolerances: np.ndarray,
-        is_angle: np.ndarray,
+        self, features: np.ndarray | None, names: tuple[str, ...], observation: Observation
     ) -> None:
         """Add one image.
 
         Args:
-            scheme_output: measurement of the image.
+            features: (k, 10) features of the image, see `feature_rows`; None if there is no L.
+            names: (k,) names of the features.
             observation: observation of the image.
-            goal: goal of the run.
-            tolerances: (k,) tolerance of each component of the error.
-            is_angle: (k,) whether each component is an angle, which may wrap.
         """
-        self.step_check.add(scheme_output, observation, tolerances, is_angle)
+        self.step_check.add(features, names, observation)
         if self._centre_check is not None:
-            self._add_centre(scheme_output, observation, goal)
+            centre, L = compute_centre(observation, self.area_check.goal)
+            rows = pack_features(centre, L, 0.0, TargetMotionCheck.CENTRE_TOLERANCE, False)
+            self._centre_check.add(rows, ("x", "y"), observation)
 
     @property
     def target_motion_part(self) -> float:
@@ -111,7 +103,7 @@ class FeatureMotionCheck:
         if self.is_interaction_wrong and (names := self._list_opposing_features()):
             return f"the scheme's L predicts the opposite motion of {names}; check the sign of L"
         if not is_converged and centre is not None:
-            if steps.is_jumping(stamp):
+            if steps.is_jumping(stamp) and not self.area_check.is_centre_jumping:
                 return f"the features jump repeatedly, but the target does not: {self.jump_reason}"
             if centre.has_enough_motion and steps.typical_step > max(
                 steps.MIN_JUMP, SCATTER_FACTOR * centre.typical_step
@@ -121,24 +113,6 @@ class FeatureMotionCheck:
                     "image without a motion of the camera or of the target's centre"
                 )
         return ""
-
-    def _add_centre(
-        self, scheme_output: SchemeOutput, observation: Observation, goal: Goal
-    ) -> None:
-        """Add the image to the step check of the target's centre, whose L is known."""
-        centre, L, _ = compute_centre(observation, goal)
-        count = len(centre)
-        own = replace(
-            scheme_output, names=("x", "y")[:count], features=centre, desired=centre, error=centre,
-            L=L,
-            error_drift=0.0,
-        )  # fmt: skip
-        self._centre_check.add(
-            own,
-            observation,
-            np.full(count, TargetMotionCheck.CENTRE_TOLERANCE),
-            np.zeros(count, bool),
-        )
 
     @property
     def is_interaction_wrong(self) -> bool:
@@ -187,7 +161,5 @@ class FeatureMotionCheck:
     def _list_opposing_features(self) -> str:
         """Return the names of the features that move opposite to their prediction by L, as text."""
         parts = self.step_check.feature_correlations
-        if parts is None or not (parts < OPPOSING_CORRELATION).any():
-            return ""
         return join_names([n for n, part in zip(self.step_check.names, parts, strict=True)
                        if part < OPPOSING_CORRELATION])  # fmt: skip

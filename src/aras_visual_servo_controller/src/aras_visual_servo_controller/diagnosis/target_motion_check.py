@@ -6,123 +6,15 @@ periodic motion of the target explains the remaining part.
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Sequence
-from dataclasses import dataclass
-
 import numpy as np
 
 from aras_visual_servo_base.compiled import jit
-from aras_visual_servo_base.poses import skew
 from aras_visual_servo_camera.interaction import point_interaction
 
 from ..goals.goal import Goal
 from ..observation.observation import Observation
-from ..schemes.base import SchemeOutput
-
-
-@dataclass(eq=False)
-class _Row:
-    """One row of the fit: motion of k features over at least ROW_PERIOD, in units of the tolerance.
-
-    Attributes:
-        stamp: middle of the period, s.
-        feature_motion: (k,) measured motion.
-        L: (k, 6) mean interaction matrix, in units of the tolerance.
-        motion: (6,) motion of the camera.
-        drift: (k, 6) motion of the features that each component of the target's twist causes in
-            this period, per unit. The twist is in world axes; its reference point is the camera's
-            position at the first row.
-    """
-
-    stamp: float
-    feature_motion: np.ndarray
-    L: np.ndarray
-    motion: np.ndarray
-    drift: np.ndarray
-
-
-class _RowSums:
-    """Sums over groups of `rows_per_sum` successive rows of the fit, in units of the tolerance.
-
-    Attributes:
-        feature_motion: (n,) measured motion of the features; n is the number of groups times the
-            number of features.
-        motion_parts: (n, 6) motion predicted for each direction of the camera.
-        rows_per_sum: number of rows in a group.
-    """
-
-    def __init__(
-        self,
-        rows: Sequence[_Row],
-        feature_motion: np.ndarray,
-        motion_parts: np.ndarray,
-        rows_per_sum: int,
-    ) -> None:
-        """Add up the measured and the predicted motion over groups of successive rows.
-
-        Args:
-            rows: the m rows, in the order of time.
-            feature_motion: (m, k) measured motion of the features in each row.
-            motion_parts: (m, k, 6) motion predicted for each row and each direction of the camera.
-            rows_per_sum: number of rows in a group.
-        """
-        count = len(rows) // rows_per_sum * rows_per_sum
-        self._rows, self.rows_per_sum = list(rows)[len(rows) - count :], rows_per_sum
-        self.feature_motion, self.motion_parts = (
-            self._sum_rows(feature_motion[-count:]),
-            self._sum_rows(motion_parts[-count:]),
-        )
-
-    def _sum_rows(self, values: np.ndarray) -> np.ndarray:
-        sums = values.reshape(-1, self.rows_per_sum, *values.shape[1:]).sum(axis=1)
-        return sums.reshape(-1, *sums.shape[2:])
-
-    @property
-    def mixed_effects(self) -> np.ndarray:
-        """Return the feature motions (n, 18) due to camera motions along wrong axes.
-
-        See `_compute_mixed_effects`.
-        """
-        return self._sum_rows(np.array([_compute_mixed_effects(row) for row in self._rows]))
-
-    @property
-    def drift(self) -> np.ndarray:
-        """Return the feature motions (n, 6) due to each component of a unit twist of the target."""
-        return self._sum_rows(np.array([row.drift for row in self._rows]))
-
-    @property
-    def stamps(self) -> np.ndarray:
-        """Return the time (n,) of each value since the first group, s."""
-        stamps = np.array([row.stamp for row in self._rows]).reshape(-1, self.rows_per_sum)
-        stamps = stamps.mean(axis=1)
-        return np.repeat(stamps - stamps[0], len(self._rows[0].feature_motion))
-
-    @property
-    def translation_effect(self) -> np.ndarray:
-        """Return the feature motions (n,) due to all translations of the camera."""
-        return self.motion_parts[:, :3].sum(axis=1)
-
-    @property
-    def rotation_effect(self) -> np.ndarray:
-        """Return the feature motions (n,) due to all rotations of the camera."""
-        return self.motion_parts[:, 3:].sum(axis=1)
-
-    def fit_depth(self) -> float:
-        """Return the factor on the camera's translations that best explains the feature motion."""
-        along = self.translation_effect
-        square = float(along @ along)
-        return (
-            along @ (self.feature_motion - self.rotation_effect) / square if square > 0.0 else 1.0
-        )
-
-    def compute_rest_residual(self, depth: float) -> np.ndarray:
-        """Return the feature motions (n,) that the camera's motion does not explain.
-
-        Args:
-            depth: factor on the camera's translations.
-        """
-        return self.feature_motion - self.rotation_effect - depth * self.translation_effect
+from ..observation.vector_history import VectorHistory
+from .feature_rows import DRIFT, ERROR, FIRST_L, IS_ANGLE, TOLERANCE, pack_features
 
 
 class TargetMotionCheck:
@@ -189,12 +81,16 @@ class TargetMotionCheck:
         # Whether, at the last fit, a wrong camera model explained the features' motion as well as a
         # moving target did.
         self.has_camera_explanation = False
-        self._rows: deque[_Row] = deque()
-        self._origin = np.zeros(3)  # reference point of the target's twist, in m and world axes
+        # Rows of the fit: motion of the k features over at least ROW_PERIOD (k), mean L (6 k),
+        # motion (6,) and pose (16,) of the camera, and duration (s). Feature motions and L are in
+        # units of the tolerance. The stamp is the middle of the period.
+        self._rows = VectorHistory()
+        # Reference point of the target's twist, in m and world axes: the camera's position at the
+        # first row.
+        self._origin = np.zeros(3)
         self._new_rows = 0
         self._motion_text = ""
-        # Error (k,), L (k, 6), error drift (k,) or (1,), and tolerances (k,) of the last image.
-        self._last_measurement: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None = None
+        self._last_features: np.ndarray | None = None  # array of the last image, see `feature_rows`
         self._start_row()
 
     @property
@@ -204,50 +100,32 @@ class TargetMotionCheck:
 
     def interrupt(self) -> None:
         """Forget the previous image, because the image after it had no measurement."""
-        self._last_measurement = None
+        self._last_features = None
         self._start_row()
 
-    def add(
-        self,
-        scheme_output: SchemeOutput,
-        observation: Observation,
-        goal: Goal,
-        tolerances: np.ndarray,
-        is_current_interaction: bool,
-        is_angle: np.ndarray | None = None,
-    ) -> str:
+    def add(self, features: np.ndarray | None, observation: Observation, goal: Goal) -> str:
         """Add one image and describe how the target moves; empty text if it is at rest.
 
         Args:
-            scheme_output: measurement of the image.
+            features: (k, 10) features of the image, see `feature_rows`; None if there is no L that
+                belongs to the present view. The target's centre is then used instead.
             observation: observation of the image.
             goal: goal of the run.
-            tolerances: (k,) tolerance of each component of the error.
-            is_current_interaction: whether L belongs to the present view; otherwise the target's
-                centre is used.
-            is_angle: (k,) whether each component is an angle, which may wrap; None if all may wrap.
         """
-        error, L, rate = scheme_output.error, scheme_output.L, scheme_output.error_drift
-        if not is_current_interaction or L is None or L.shape != (len(error), 6):
-            error, L, rate = compute_centre(observation, goal)
-            tolerances, is_angle = np.full(len(error), self.CENTRE_TOLERANCE), None
-        is_angle = np.ones(len(error), bool) if is_angle is None else is_angle
-        rate = np.array(rate, float, ndmin=1)
-        now = np.asarray(error, float), np.asarray(L, float), rate, tolerances
-        before, self._last_measurement = self._last_measurement, now
-        motion, pose = observation.motion, observation.world_T_camera
-        if before is None or motion is None or pose is None or len(before[0]) != len(error):
+        if features is None:
+            centre, L = compute_centre(observation, goal)
+            features = pack_features(centre, L, 0.0, self.CENTRE_TOLERANCE, True)
+        before, self._last_features = self._last_features, features
+        motion, pose, count = observation.motion, observation.world_T_camera, len(features)
+        if before is None or motion is None or pose is None or len(before) != count:
             self._start_row()
             return self._motion_text
         if not self._image_count:
-            self._feature_motion, self._L = np.zeros(len(error)), np.zeros((len(error), 6))
-        dt = observation.dt
-        if not len(error) or _add_step(
-            *before, *now, dt, self._feature_motion, self._L, is_angle
-        ):
+            self._sums = np.zeros((count, 7))
+        if not count or _add_step(before, features, observation.dt, self._sums):
             self._start_row()
             return self._motion_text
-        self._time += dt
+        self._time += observation.dt
         self._image_count += 1
         self._motion = self._motion + motion
         if self._time >= self.ROW_PERIOD:
@@ -260,21 +138,15 @@ class TargetMotionCheck:
         self._motion = np.zeros(6)
 
     def _add_row(self, stamp: float, pose: np.ndarray) -> None:
-        L = self._L / self._image_count
+        row = np.concatenate([
+            self._sums[:, 0], self._sums[:, 1:].ravel() / self._image_count, self._motion,
+            pose.ravel(), [self._time],
+        ])  # fmt: skip
         rows = self._rows
-        if rows and len(rows[-1].feature_motion) != len(self._feature_motion):
-            rows.clear()
-        if not rows:
+        if rows.width != len(row):  # there is no row yet, or the number of features has changed
             self._origin = pose[:3, 3]
-        # A twist v, w of the target changes the image like the opposite twist of the camera. At the
-        # distance d from the twist's reference point, the target's velocity is v + w x d.
-        camera_R_world = pose[:3, :3].T
-        translation_L, rotation_L = L[:, :3] @ camera_R_world, L[:, 3:] @ camera_R_world
-        lever = skew(pose[:3, 3] - self._origin)
-        drift = -self._time * np.hstack([translation_L, rotation_L - translation_L @ lever])
-        rows.append(_Row(stamp, self._feature_motion, L, self._motion, drift))
-        while rows[0].stamp < stamp - self.SPAN:
-            rows.popleft()
+        rows.add(stamp, row)
+        rows.drop_before(stamp - self.SPAN)
         self._start_row()
         self._new_rows += 1
         if len(rows) >= self.MIN_ROWS and self._new_rows >= self.CHECK_PERIOD:
@@ -283,165 +155,189 @@ class TargetMotionCheck:
 
     def _describe_motion(self) -> str:
         """Describe how the target moves; empty text if it is at rest."""
-        feature_motion = np.array([row.feature_motion for row in self._rows])
-        parts = np.array([row.L for row in self._rows])
-        parts = parts * np.array([row.motion for row in self._rows])[:, None, :]
-        for group, min_residual in zip(self.ROWS_PER_SUM, self.MIN_RESIDUAL, strict=True):
-            count = len(self._rows) // group * len(self._rows[-1].feature_motion)
-            if count < (self.MIN_NUMBERS if group == 1 else self.MIN_SUMMED_NUMBERS):
+        rows = self._rows.errors
+        count = (rows.shape[1] - 23) // 7
+        feature_motion, L = rows[:, :count], rows[:, count : 7 * count].reshape(-1, count, 6)
+        motion = rows[:, None, -23:-17]
+        along = (L[:, :, :3] * motion[:, :, :3]).sum(axis=2)
+        rest_motion = feature_motion - (L[:, :, 3:] * motion[:, :, 3:]).sum(axis=2)
+        for size, min_residual in zip(self.ROWS_PER_SUM, self.MIN_RESIDUAL, strict=True):
+            numbers = len(rows) // size * count
+            if numbers < (self.MIN_NUMBERS if size == 1 else self.MIN_SUMMED_NUMBERS):
                 return ""
-            rows = _RowSums(self._rows, feature_motion, parts, group)
-            depth = rows.fit_depth()
-            rest = rows.compute_rest_residual(max(depth, self.MIN_DEPTH_FACTOR))
+            effect, moved = _sum_groups(along, size), _sum_groups(rest_motion, size)
+            depth = _fit_depth(effect, moved)
+            rest = moved - max(depth, self.MIN_DEPTH_FACTOR) * effect
             square = float(rest @ rest)
-            if group == 1 and square * self.ROWS_PER_SUM[-1]**2 < self.MIN_RESIDUAL[-1]**2 * count:
+            if size == 1 and square * self.ROWS_PER_SUM[-1]**2 < self.MIN_RESIDUAL[-1]**2 * numbers:
                 return ""  # too small for MIN_RESIDUAL, even if all rows are summed in groups
-            if square >= min_residual**2 * count:
-                if np.linalg.matrix_rank(self._rows[-1].L[:, :3]) < 2:
+            if square >= min_residual**2 * numbers:
+                if np.linalg.matrix_rank(L[-1, :, :3]) < 2:
                     return ""  # L of rank 1 does not determine the target's motion
-                return self._explain_motion(rows, depth, square)
+                return self._explain_motion(L, effect, moved, size, square)
         return ""
 
-    def _explain_motion(self, rows: _RowSums, depth: float, residual: float) -> str:
+    def _explain_motion(
+        self, L: np.ndarray, effect: np.ndarray, moved: np.ndarray, size: int, residual: float
+    ) -> str:
         """Describe the target motion that explains the features' motion; empty text if none does.
 
         Args:
-            rows: measured motion of the features, and the effects of the camera's and target's
-                motions.
-            depth: fitted factor on the camera's translations.
+            L: (m, k, 6) mean L of each row of the fit, in units of the tolerance.
+            effect: (n,) motions that the camera's translations predict, summed over groups of rows.
+            moved: (n,) measured motions minus the effect of the camera's rotations, likewise.
+            size: number of rows in each group.
             residual: squared motion of the features that the camera's motion does not explain.
         """
-        effect, motion = rows.translation_effect, rows.feature_motion - rows.rotation_effect
-        columns = np.column_stack([effect, rows.drift])
+        motion = self._rows.errors[:, -23:-17]
+        columns = np.column_stack([effect, _sum_groups(self._compute_drifts(L), size)])
         camera_residual = np.inf
-        motion_part = float(motion @ motion) / max(float(effect @ effect), 1e-12)
+        motion_part = float(moved @ moved) / max(float(effect @ effect), 1e-12)
         if (
-            depth > self.MIN_DEPTH_FACTOR
+            _fit_depth(effect, moved) > self.MIN_DEPTH_FACTOR
             or self.MIN_MOTION_PART < motion_part < 1.0 / self.MIN_MOTION_PART
         ):
             camera_residual = _fit_camera(
-                rows.mixed_effects, rows.feature_motion, self.MIN_CAMERA_FACTOR
-            )
+                _sum_groups(_compute_mixed_effects(L, motion), size),
+                _sum_groups(self._rows.errors[:, : L.shape[1]], size), self.MIN_CAMERA_FACTOR,
+            )  # fmt: skip
         self.has_camera_explanation = camera_residual < self.CAMERA_EXPLAINS_PART * residual
         bound = min(self.MAX_RESIDUAL_PART * residual, self.MAX_CAMERA_PART * camera_residual)
         # If the camera follows its target at constant speed, the features do not move. The fit must
         # then find the velocity of the target and not a depth factor of 0. Therefore its first
         # column fits only the deviation of the depth factor from 1, which is kept small by
         # regularisation.
-        constant, velocity = _fit_columns(columns[:, :4], motion - effect)
+        constant, velocity = _fit_columns(columns[:, :4], moved - effect)
         if constant < bound:
             return f"it moves at {1e3 * float(np.linalg.norm(velocity[1:])):.1f} mm/s"
         # Large groups give few sums, which change smoothly. A rotation or an oscillation may
         # explain half of them by chance, so a smaller residual is required for larger groups.
-        bound = min(self.MAX_RESIDUAL_PART / rows.rows_per_sum**2 * residual, bound)
+        bound = min(self.MAX_RESIDUAL_PART / size**2 * residual, bound)
         # With fewer than six feature values per image, a rotation cannot be distinguished from a
         # translation.
-        columns = columns if len(self._rows[-1].feature_motion) >= 6 else columns[:, :4]
-        if _fit_columns(columns, motion)[0] < bound:
+        columns = columns if L.shape[1] >= 6 else columns[:, :4]
+        if _fit_columns(columns, moved)[0] < bound:
             return "it rotates"
-        return self._find_oscillation(rows.stamps, columns, motion, bound)
+        return self._find_oscillation(columns, moved, size, bound)
+
+    def _compute_drifts(self, L: np.ndarray) -> np.ndarray:
+        """Return the feature motions (m, k, 6) due to each component of a unit twist of the target.
+
+        The twist is in world axes; its reference point is `_origin`. A twist v, w of the target
+        changes the image like the opposite twist of the camera. At the distance d from the
+        reference point, the target's velocity is v + w x d.
+        """
+        pose, duration = self._rows.errors[:, -17:-1].reshape(-1, 4, 4), self._rows.errors[:, -1]
+        camera_R_world = pose[:, :3, :3].swapaxes(1, 2)
+        along, about = L[:, :, :3] @ camera_R_world, L[:, :, 3:] @ camera_R_world
+        turned = np.cross(along, pose[:, None, :3, 3] - self._origin)
+        return -duration[:, None, None] * np.concatenate([along, about - turned], axis=2)
 
     def _find_oscillation(
-        self, time: np.ndarray, columns: np.ndarray, feature_motion: np.ndarray, bound: float
+        self, columns: np.ndarray, moved: np.ndarray, size: int, bound: float
     ) -> str:
         """Describe the oscillation whose residual is below the bound; empty text if there is none.
 
         Args:
-            time: (n,) time of each value, s.
             columns: (n, m) effects of a wrong depth and of a constant twist of the target.
-            feature_motion: (n,) motion of the features that is to be explained.
+            moved: (n,) motion of the features that is to be explained.
+            size: number of rows of the fit in each group.
             bound: upper bound of the squared residual.
         """
-        span = time[-1]
+        stamps = _sum_groups(self._rows.stamps, size) / size
+        span = stamps[-1] - stamps[0]
         if span < self.MIN_OSCILLATION_SPAN:
             return ""
         # The effects of a wrong depth and of a constant twist are the same at all frequencies. They
         # are therefore subtracted from the motion before oscillations are fitted.
         base = np.linalg.qr(columns)[0]
-        feature_motion = feature_motion - base @ (base.T @ feature_motion)
-        min_residual, best_frequency = np.inf, 0.0
-        for frequency in np.arange(1.0 / span, self.MAX_FREQUENCY, 0.25 / span):
-            phase = 2.0 * np.pi * frequency * time[:, None]
-            waves = np.hstack([columns[:, 1:4] * np.cos(phase), columns[:, 1:4] * np.sin(phase)])
-            residual, _ = _fit_columns(waves - base @ (base.T @ waves), feature_motion)
-            if residual < min_residual:
-                min_residual, best_frequency = residual, frequency
-        return f"it oscillates at {best_frequency:.2f} Hz" if min_residual < bound else ""
+        moved = moved - base @ (base.T @ moved)
+        frequencies = np.arange(1.0 / span, self.MAX_FREQUENCY, 0.25 / span)
+        phase = np.outer(2.0 * np.pi * frequencies, stamps - stamps[0])
+        # for each frequency (first axis), the effects (n, 6) of a cosine and of a sine wave
+        waves = np.concatenate([
+            np.repeat(wave, len(moved) // len(stamps), axis=1)[:, :, None] * columns[:, 1:4]
+            for wave in (np.cos(phase), np.sin(phase))
+        ], axis=2)  # fmt: skip
+        residuals, _ = _fit_columns(waves - base @ (base.T @ waves), moved)
+        best = int(residuals.argmin())
+        return f"it oscillates at {frequencies[best]:.2f} Hz" if residuals[best] < bound else ""
 
 
-def compute_centre(observation: Observation, goal: Goal) -> tuple[np.ndarray, np.ndarray, float]:
-    """Compute the target's centre from its moments, with its interaction matrix and drift.
+def compute_centre(observation: Observation, goal: Goal) -> tuple[np.ndarray, np.ndarray]:
+    """Compute the target's centre from its moments, with its interaction matrix.
 
     Returns:
-        The centre (2,), normalised; its L (2, 6); its drift, which is 0. The arrays are empty if
-        the moments or the depth are unknown.
+        The centre (2,), normalised; its L (2, 6). The arrays are empty if the moments or the depth
+        are unknown.
     """
     measured, desired = observation.moments, goal.moments
     if measured is None or desired is None or not goal.depth or measured.m00 <= 0.0:
-        return np.zeros(0), np.zeros((0, 6)), 0.0
+        return np.zeros(0), np.zeros((0, 6))
     depth = goal.depth * np.sqrt(desired.m00 / measured.m00)
     centre = np.array([[measured.xg, measured.yg]])
-    return centre[0], point_interaction(centre, np.array([1.0 / depth])), 0.0
+    return centre[0], point_interaction(centre, np.array([1.0 / depth]))
 
 
-@jit("f8[:], f8[:,:], f8[:], f8[:], f8[:], f8[:,:], f8[:], f8[:], f8, f8[::1], f8[:,::1], "
-          "b1[:]", allocates=False)
-def _add_step(
-    error_before,
-    L_before,
-    error_drift_before,
-    tolerances_before,
-    error,
-    L,
-    error_drift,
-    tolerances,
-    dt,
-    feature_motion,
-    interaction_sum,
-    is_angle,
-):
+@jit("f8[:,::1], f8[:,::1], f8, f8[:,::1]", allocates=False)
+def _add_step(before, now, dt, sums):
     """Add the motion of the features between two images, and the mean L of these images.
 
     Motion and L are divided by the tolerances.
 
     Args:
-        error_before, error: (k,) error at the previous and at the present image.
-        L_before, L: (k, 6) interaction matrix at each of the two images.
-        error_drift_before, error_drift: (k,) or (1,) rate of each error component due to the
-            target's motion, per s.
-        tolerances_before, tolerances: (k,) tolerances at each of the two images.
+        before, now: (k, 10) features of the previous and of the present image, see `feature_rows`.
         dt: time between the two images, s.
-        feature_motion: (k,) sum of the feature motions; modified in place.
-        interaction_sum: (k, 6) sum of the mean L; modified in place.
-        is_angle: (k,) whether each component is an angle, which may wrap.
+        sums: (k, 7) sums of the feature motions and of the mean L; modified in place.
 
     Returns:
         Whether an angle has wrapped, that is, has changed by more than 1 rad.
     """
     wrapped = False
-    for i in range(len(error)):
-        before, now = error_before[i] / tolerances_before[i], error[i] / tolerances[i]
-        wrapped |= is_angle[i] and abs((now - before) * tolerances[i]) > 1.0
-        drift = error_drift_before[min(i, len(error_drift_before) - 1)] / tolerances_before[i]
-        drift += error_drift[min(i, len(error_drift) - 1)] / tolerances[i]
-        feature_motion[i] = feature_motion[i] + now - before - 0.5 * drift * dt
+    for i in range(len(now)):
+        tolerance_before, tolerance = before[i, TOLERANCE], now[i, TOLERANCE]
+        error_before, error = before[i, ERROR] / tolerance_before, now[i, ERROR] / tolerance
+        wrapped |= now[i, IS_ANGLE] > 0.0 and abs((error - error_before) * tolerance) > 1.0
+        drift = before[i, DRIFT] / tolerance_before
+        drift += now[i, DRIFT] / tolerance
+        sums[i, 0] = sums[i, 0] + error - error_before - 0.5 * drift * dt
         for j in range(6):
-            mean = L_before[i, j] / tolerances_before[i] + L[i, j] / tolerances[i]
-            interaction_sum[i, j] += 0.5 * mean
+            mean = before[i, FIRST_L + j] / tolerance_before + now[i, FIRST_L + j] / tolerance
+            sums[i, 1 + j] += 0.5 * mean
     return wrapped
 
 
-def _compute_mixed_effects(row: _Row) -> np.ndarray:
-    """Return the feature motions (k, 18) due to camera motions along wrong axes.
+def _sum_groups(values: np.ndarray, size: int) -> np.ndarray:
+    """Sum values (m, ...) over groups of `size` successive rows, the last row included.
+
+    The first two axes of the sums are joined to one.
+    """
+    count = len(values) // size * size
+    sums = values[len(values) - count :].reshape(-1, size, *values.shape[1:]).sum(axis=1)
+    return sums.reshape(-1, *sums.shape[2:])
+
+
+def _fit_depth(effect: np.ndarray, moved: np.ndarray) -> float:
+    """Return the factor on the effect (n,) of the translations that best explains a motion (n,)."""
+    square = float(effect @ effect)
+    return effect @ moved / square if square > 0.0 else 1.0
+
+
+def _compute_mixed_effects(L: np.ndarray, motion: np.ndarray) -> np.ndarray:
+    """Return the feature motions (m, k, 18) due to camera motions along wrong axes.
 
     There is a column for each of the nine pairs of axes: the feature motion if the camera's
     translation along the first axis acted along the second axis. Nine more columns are for
     rotations.
+
+    Args:
+        L: (m, k, 6) interaction matrix of each row of the fit.
+        motion: (m, 6) motion of the camera in each row.
     """
-    return np.hstack([
-        (row.L[:, first : first + 3, None] * row.motion[first : first + 3]).reshape(-1, 9)
-        for first in (0, 3)
-    ])  # fmt: skip
+    effects = [
+        L[:, :, part, None] * motion[:, None, None, part] for part in (slice(0, 3), slice(3, 6))
+    ]
+    return np.concatenate([effect.reshape(*L.shape[:2], 9) for effect in effects], axis=2)
 
 
 def _fit_camera(columns: np.ndarray, feature_motion: np.ndarray, min_factor: float) -> float:
@@ -465,16 +361,18 @@ def _fit_camera(columns: np.ndarray, feature_motion: np.ndarray, min_factor: flo
     return float(residual @ residual)
 
 
-def _fit_columns(columns: np.ndarray, values: np.ndarray) -> tuple[float, np.ndarray]:
-    """Fit values (n,) by a linear combination of columns (n, m) in the least-squares sense.
+def _fit_columns(columns: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Fit values (n,) by linear combinations of columns (..., n, m) in the least-squares sense.
 
     Returns:
-        The squared residual, and the factors (m,) of the columns.
+        The squared residuals (...), and the factors (..., m) of the columns.
     """
     # A small regularisation makes the least-squares solution unique if two columns are almost
     # equal.
-    normal = columns.T @ columns
-    normal += (1e-9 * np.trace(normal) + 1e-300) * np.eye(len(normal))
-    factors = np.linalg.solve(normal, columns.T @ values)
-    rest = values - columns @ factors
-    return float(rest @ rest), factors
+    rows = columns.swapaxes(-1, -2)
+    normal = rows @ columns
+    traces = np.trace(normal, axis1=-2, axis2=-1)[..., None, None]
+    normal += (1e-9 * traces + 1e-300) * np.eye(normal.shape[-1])
+    factors = np.linalg.solve(normal, rows @ values[:, None])
+    rest = values - (columns @ factors)[..., 0]
+    return (rest**2).sum(axis=-1), factors[..., 0]

@@ -6,17 +6,16 @@ Schemes that control image points cause such a retreat.
 from __future__ import annotations
 
 from dataclasses import replace
-
-import numpy as np
+from math import sqrt
 
 from ...goals.goal import Goal
 from ...observation.observation import Observation
 from ...records.outcomes import Outcome, make_outcome
 from ...records.run_record import ImageRecord
 from ...records.state import CONVERGED
+from ..area_check import predict_distance
 from ..base import DIAGNOSES, DiagnosisRule
 from ..evidence import Evidence
-from ..step_check import predict_distance
 
 
 @DIAGNOSES.register("camera_retreat")
@@ -57,7 +56,7 @@ class CameraRetreat(DiagnosisRule):
                 by = f" of camera {view.name}" if observation.other_cameras else ""
                 evidence.last_touched_borders = f"{' and '.join(view.touched_borders)} border{by}"
         self._check_distance(state.stamp, observation, goal, evidence)
-        evidence.motion_check.step_check.add_area(observation, goal)
+        evidence.motion_check.area_check.add(observation)
         if self._outcome.kind == "running" or state.phase == CONVERGED:
             return None
         fault = evidence.motion_check.find_scheme_fault(state.stamp, is_converged=False)
@@ -70,7 +69,7 @@ class CameraRetreat(DiagnosisRule):
         measured, desired = observation.moments, goal.moments
         if not observation.valid or measured is None or desired is None or measured.m00 <= 0.0:
             return
-        distance = float(np.sqrt(desired.m00 / measured.m00))
+        distance = sqrt(desired.m00 / measured.m00)
         self._first_distance = self._first_distance or distance
         is_far = distance > self.RETREAT_FACTOR * max(self._first_distance, 1.0)
         if is_far and goal.world_T_camera is not None and observation.world_T_camera is not None:

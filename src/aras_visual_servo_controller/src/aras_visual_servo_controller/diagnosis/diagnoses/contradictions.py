@@ -13,6 +13,7 @@ from ...records.run_record import ImageRecord
 from ...records.state import CONVERGED
 from ..base import DIAGNOSES, DiagnosisRule
 from ..evidence import Evidence
+from ..feature_rows import pack_features
 
 
 @DIAGNOSES.register("features_contradict")
@@ -30,26 +31,26 @@ class FeaturesContradict(DiagnosisRule):
         """Diagnose one image, see `DiagnosisRule.judge`."""
         state, observation, goal = record.state, record.observation, evidence.run_context.goal
         scheme, motion = evidence.run_context.scheme, evidence.motion_check
-        evidence.tolerances = tolerances = np.asarray(scheme.tolerances, float)
+        output, tolerances = state.scheme_output, np.asarray(scheme.tolerances, float)
         evidence.error = evidence.progress_check.add(
             state, tolerances, goal.distance,
             bool(evidence.run_context.elbows) and evidence.is_stretched(state.joints),
         )
         # The error of an angle, or of a feature without a unit, may jump by one turn; that of a
         # length cannot.
-        evidence.is_angle = angles = np.array(
-            [unit != "m" for unit in scheme.units] or [True] * len(tolerances)
+        angles = [unit != "m" for unit in scheme.units] or True
+        evidence.features = features = pack_features(
+            output.error, output.L, output.error_drift, tolerances, angles
         )
         # The L of a user-defined feature may be wrong. For such features, the target's motion is
         # computed from the target's centre instead, whose L is known.
-        can_judge = getattr(scheme, "can_check_camera", True) and not motion.is_user_scheme
+        is_current = getattr(scheme, "can_check_camera", True)
+        can_judge = is_current and not motion.is_user_scheme
         evidence.target_motion = evidence.target_check.add(
-            state.scheme_output, observation, goal, tolerances, can_judge, angles
+            features if can_judge else None, observation, goal
         )
-        motion.is_current_interaction = (
-            getattr(scheme, "can_check_camera", True) or motion.is_user_scheme
-        )
-        motion.add(state.scheme_output, observation, goal, tolerances, angles)
+        motion.is_current_interaction = is_current or motion.is_user_scheme
+        motion.add(features, output.names, observation)
         fault = motion.find_scheme_fault(state.stamp, state.phase == CONVERGED)
         return make_outcome("scheme_fault", fault) if fault else None
 

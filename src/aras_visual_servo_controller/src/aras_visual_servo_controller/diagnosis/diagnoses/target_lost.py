@@ -109,7 +109,7 @@ def _explain_loss(state: ServoState, observation: Observation, evidence: Evidenc
 
 def _was_inside(observation: Observation, evidence: Evidence) -> bool:
     """Return whether the target was too far inside the last image to have left it since then."""
-    region = evidence.motion_check.step_check.next_region
+    region = evidence.motion_check.area_check.next_region
     if evidence.last_touched_borders or region is None:
         return False
     camera = observation.camera

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -11,7 +10,6 @@ from ...observation.observation import Observation
 from ...records.outcomes import Outcome, make_outcome
 from ...records.run_record import ImageRecord
 from ...records.state import CONVERGED
-from ...schemes.base import SchemeOutput
 from ..base import DIAGNOSES, DiagnosisRule
 from ..camera_model_check import CameraModelCheck
 from ..evidence import Evidence, combine_outcomes
@@ -51,13 +49,13 @@ class TargetMoves(DiagnosisRule):
             # The camera checks have used images in which the target moved, so they start again.
             evidence.camera_checks.clear()
         elif getattr(run.scheme, "can_check_camera", True):
-            for name, part, tolerated, wrap in split_by_camera(
-                state.scheme_output, observation, evidence.tolerances, evidence.is_angle
+            for name, features in split_by_camera(
+                evidence.features, state.scheme_output.names, observation
             ):
                 check = evidence.camera_checks.get(name)
                 if check is None:
                     check = evidence.camera_checks[name] = CameraModelCheck(run.jacobian)
-                check.add(part, observation, tolerated, wrap)
+                check.add(features, observation)
         evidence.oscillation = evidence.gain_check.add(
             state.stamp, evidence.error, run.scheme, record.age
         )
@@ -79,33 +77,29 @@ class TargetMoves(DiagnosisRule):
 
 
 def split_by_camera(
-    scheme_output: SchemeOutput, observation: Observation, tolerances: np.ndarray,
-    is_angle: np.ndarray | None = None,
-) -> Iterator[tuple[str, SchemeOutput, np.ndarray, np.ndarray]]:
-    """Split a scheme's output by camera.
+    features: np.ndarray | None, names: Sequence[str], observation: Observation
+) -> Iterator[tuple[str, np.ndarray | None]]:
+    """Split the features of an image by camera.
 
     If there are several cameras, a feature that belongs to one of them is named 'camera.feature'.
     All other features may use every camera and are returned with an empty camera name.
 
+    Args:
+        features: (k, 10) features of the image, see `feature_rows`; None if there is no L.
+        names: (k,) names of the features.
+        observation: observation of the image.
+
     Yields:
-        The name of the camera; its part of the scheme's output; the tolerances (k,) of this part;
-        whether each component is an angle, which may wrap (None if all may wrap).
+        The name of the camera, and its rows of `features`.
     """
     if not observation.other_cameras:
-        yield observation.name, scheme_output, tolerances, is_angle
+        yield observation.name, features
         return
-    L, count = scheme_output.L, len(scheme_output.names)
-    if np.shape(L) != (count, 6):
+    if features is None:
         return
     rows: dict[str, list[int]] = {}
-    for i, name in enumerate(scheme_output.names):
+    for i, name in enumerate(names):
         camera = name.partition(".")[0]
         rows.setdefault(camera if camera in observation.cameras else "", []).append(i)
-    rate = np.broadcast_to(scheme_output.error_drift, count)
     for camera, at in rows.items():
-        yield (
-            camera,
-            replace(scheme_output, error=scheme_output.error[at], L=L[at], error_drift=rate[at]),
-            (tolerances[at]),
-            None if is_angle is None else is_angle[at],
-        )
+        yield camera, features[at]

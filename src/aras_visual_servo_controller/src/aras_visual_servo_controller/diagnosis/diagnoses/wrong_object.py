@@ -22,7 +22,7 @@ class WrongObject(DiagnosisRule):
     """Comparison of the visible shape with that of the goal's target; see ShapeCheck."""
 
     help = "another object is detected as the target"
-    reads = "moments (`wrong_object.py`) and visible area of the target (`step_check.py`)"
+    reads = "moments (`wrong_object.py`) and visible area of the target (`area_check.py`)"
     kinds = ("wrong_object", "wrong_camera_model", "scheme_fault")
 
     def __init__(self) -> None:

@@ -66,7 +66,7 @@ class JointTrackingCheck:
             commanded, measured: (n,) velocities, rad/s or m/s.
         """
         samples = self._samples
-        samples.add(stamp, np.array((late, commanded, measured)).ravel())
+        samples.add(stamp, np.concatenate((late, commanded, measured)))
         self._new_images += 1
         if self._new_images >= self.CHECK_PERIOD:
             self._new_images = 0

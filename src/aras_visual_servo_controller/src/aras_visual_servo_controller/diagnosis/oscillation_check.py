@@ -10,6 +10,17 @@ from ..observation.vector_history import VectorHistory
 
 # Largest probability with which white noise may be mistaken for an oscillation at one frequency.
 MAX_CHANCE = 1e-8
+# Lengths of the time spans in which an oscillation is searched for, s. A delay of 0.4 s causes
+# oscillations with periods of 1.6 to 3 s.
+SPANS = (2.0, 5.0, 12.0)
+# number of images between two searches for an oscillation, for each of SPANS
+CHECK_PERIODS = (1, 6, 12)
+# smallest peak-to-peak height of an oscillation, in units of the tolerance; noise is smaller
+MIN_HEIGHT = 6.0
+MIN_REVERSALS = 5
+# If no frequency can be determined, an error oscillates only if the mean number of images between
+# two reversals of its direction is at least this.
+MIN_IMAGES_PER_REVERSAL = 4.0
 
 
 class OscillationCheck:
@@ -20,18 +31,6 @@ class OscillationCheck:
     less often.
     """
 
-    # Lengths of the time spans in which an oscillation is searched for, s. A delay of 0.4 s causes
-    # oscillations with periods of 1.6 to 3 s.
-    SPANS = (2.0, 5.0, 12.0)
-    # number of images between two searches for an oscillation, for each of SPANS
-    CHECK_PERIODS = (1, 6, 12)
-    # smallest peak-to-peak height of an oscillation, in units of the tolerance; noise is smaller
-    MIN_HEIGHT = 6.0
-    MIN_REVERSALS = 5
-    # If no frequency can be determined, an error oscillates only if the mean number of images
-    # between two reversals of its direction is at least this.
-    MIN_IMAGES_PER_REVERSAL = 4.0
-
     def __init__(self) -> None:
         self._errors, self._new_images = VectorHistory(), 0
 
@@ -40,19 +39,11 @@ class OscillationCheck:
 
         Return the frequency of its oscillation (Hz), or None if it does not oscillate.
         """
-        recent = self._errors
-        recent.add(stamp, error)
-        recent.drop_before(stamp - self.SPANS[-1])
+        self._errors.add(stamp, error)
+        self._errors.drop_before(stamp - SPANS[-1])
         self._new_images += 1
-        for span, period in zip(self.SPANS, self.CHECK_PERIODS, strict=True):
-            if self._new_images % period:
-                continue
-            frequency = _find_frequency(
-                *recent.since(stamp - span), self.MIN_HEIGHT, self.MIN_REVERSALS
-            )
-            if frequency > 0.0:
-                return frequency
-        return None
+        frequency = _find_frequency(self._errors.stamps, self._errors.errors, self._new_images)
+        return frequency if frequency > 0.0 else None
 
     @property
     def is_oscillating(self) -> bool:
@@ -72,7 +63,7 @@ class OscillationCheck:
     def has_overshot(self) -> bool:
         """Return whether an error component has been both clearly positive and clearly negative."""
         errors = self._errors.errors
-        return bool(((errors > self.MIN_HEIGHT).any(0) & (errors < -self.MIN_HEIGHT).any(0)).any())
+        return bool(((errors > MIN_HEIGHT).any(0) & (errors < -MIN_HEIGHT).any(0)).any())
 
     def _find_turning_points(self, count: int) -> np.ndarray:
         """Return the latest turning points (count,) of the error component with the largest range.
@@ -84,10 +75,10 @@ class OscillationCheck:
         if len(errors) < 3:
             return np.zeros(0)
         error = errors[:, _find_largest_error(errors)].copy()
-        peaks = _find_peaks(error, self.MIN_HEIGHT)[-count:]
+        peaks = _find_peaks(error)[-count:]
         changes_sign = (np.diff(np.sign(error[peaks])) != 0.0).all()
         # Noise reverses its direction at about every second image, an oscillation less often.
-        is_smooth = len(peaks) > 1 and np.diff(peaks).mean() >= self.MIN_IMAGES_PER_REVERSAL
+        is_smooth = len(peaks) > 1 and np.diff(peaks).mean() >= MIN_IMAGES_PER_REVERSAL
         return error[peaks] if changes_sign and is_smooth else np.zeros(0)
 
 
@@ -159,11 +150,11 @@ def _find_largest_error(errors):
     return largest
 
 
-@jit("f8[:], f8")
-def _find_peaks(error, min_height):
+@jit("f8[:]")
+def _find_peaks(error):
     """Return the indices of the turning points of an error (m,), including its ends.
 
-    A turning point is confirmed when the error has changed back by more than `min_height`.
+    A turning point is confirmed when the error has changed back by more than MIN_HEIGHT.
     """
     peaks, found = np.zeros(len(error), np.int64), 1
     for i in range(1, len(error)):
@@ -171,7 +162,7 @@ def _find_peaks(error, min_height):
         direction = error[last] - error[peaks[found - 2]] if found > 1 else 0.0
         step = error[i] - error[last]
         if direction == 0.0 or step * direction < 0.0:
-            if abs(step) >= min_height:
+            if abs(step) >= MIN_HEIGHT:
                 peaks[found] = i
                 found += 1
         else:
@@ -179,21 +170,15 @@ def _find_peaks(error, min_height):
     return peaks[:found]
 
 
-@jit("f8[:], f8[:,:], f8, f8")
-def _find_frequency(stamps, errors, min_height, reversals):
+@jit("f8[:], f8[:,:]")
+def _find_frequency_in_span(stamps, errors):
     """Return the frequency of the error component with the largest range, Hz.
 
-    Return 0 if this component does not oscillate.
-
-    Args:
-        stamps: (m,) stamps of the images, s.
-        errors: (m, k) errors, in units of the tolerance.
-        min_height: smallest peak-to-peak height, in units of the tolerance.
-        reversals: smallest number of reversals.
+    Return 0 if this component does not oscillate. See `_find_frequency` for the arguments.
     """
     count = len(stamps)
     error = errors[:, _find_largest_error(errors)].copy()
-    peaks = _find_peaks(error, min_height)
+    peaks = _find_peaks(error)
     between, late, before = len(peaks) - 1, 0.0, 0.0
     for i in range(between):
         height = abs(error[peaks[i + 1]] - error[peaks[i]])
@@ -201,7 +186,7 @@ def _find_frequency(stamps, errors, min_height, reversals):
             late = max(late, height)
         if i < between - 2:
             before = max(before, height)
-    if between < reversals or late < 0.5 * before:
+    if between < MIN_REVERSALS or late < 0.5 * before:
         return 0.0
     since, until, half_periods = stamps[peaks[1]], stamps[peaks[-1]], len(peaks) - 2
     # An oscillation has ended, and is not reported, if the error had no peak during the last one
@@ -221,5 +206,26 @@ def _find_frequency(stamps, errors, min_height, reversals):
         # error. The residual also has to be so small that white noise reaches it at a tested
         # frequency with a probability of at most MAX_CHANCE.
         if rest < min(0.5, MAX_CHANCE ** (2.0 / free)):
+            return frequency
+    return 0.0
+
+
+@jit("f8[:], f8[:,:], i8")
+def _find_frequency(stamps, errors, image_count):
+    """Return the frequency at which the error oscillates, Hz; 0 if it does not oscillate now.
+
+    Args:
+        stamps: (m,) stamps of the images, s.
+        errors: (m, k) errors, in units of the tolerance.
+        image_count: number of images of the run, which determines the spans that are searched.
+    """
+    for n in range(len(SPANS)):
+        if image_count % CHECK_PERIODS[n]:
+            continue
+        first = 0
+        while stamps[first] < stamps[-1] - SPANS[n]:
+            first += 1
+        frequency = _find_frequency_in_span(stamps[first:], errors[first:])
+        if frequency > 0.0:
             return frequency
     return 0.0

@@ -1,23 +1,28 @@
-"""Check why the error does not decrease, from the images of the last WINDOW seconds."""
+"""Check whether the error decreases, from the images of the last WINDOW seconds."""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
-from math import hypot
-from typing import TYPE_CHECKING
+from dataclasses import replace
 
 import numpy as np
 
+from aras_visual_servo_base.compiled import jit
+
 from ..goals.goal import DEFAULT_DEPTH
+from ..observation.vector_history import VectorHistory
 from ..records.outcomes import Outcome, make_outcome
 from ..records.state import SERVOING, ServoState
 from .advice import suggest_larger_target, suggest_longer_watchdog, suggest_more_time
-
-if TYPE_CHECKING:
-    from ..kinematics.ik_solution import IKSolution
+from .stall_causes import (
+    FULL_SPEED,
+    ServoedImage,
+    find_infeasibility,
+    find_limit,
+    find_minimum,
+    find_rank_loss,
+    find_saturation,
+)
 
 WINDOW = 1.5  # time over which the decrease of the error is evaluated, s
 # There is no progress if the mean error in the second half of WINDOW exceeds this fraction of the
@@ -28,76 +33,16 @@ STALL_REASON = "the error does not decrease"
 # first half, is between MIN_PROGRESS and this value. The run then needs more time. A gain of 0.1
 # 1/s gives a ratio of 0.93.
 SLOW_PROGRESS = 0.98
-# A cause of missing progress is reported if at least this fraction of the images in WINDOW shows
-# it.
-MIN_IMAGE_PART = 0.6
 # If the scatter of the error from image to image exceeds both MIN_NOISE and MIN_NOISE_PART, the
 # error is too noisy to show whether the camera is at its goal.
 MIN_NOISE = 1.0  # scatter from image to image, in units of the tolerance
 MIN_NOISE_PART = 0.5  # scatter from image to image, as a fraction of the total scatter
-# A joint limits the motion if its limit reduces all velocities to less than this fraction.
-FULL_SPEED = 0.99
 # The run needs more time if a joint limits the motion in more than this fraction of the run's
 # images.
 MIN_SLOWED_PART = 0.3
-# smallest commanded camera speed that is evaluated, in depths of the target per second
-MIN_SPEED = 1e-3
-# a motion is infeasible if the arm loses more than this part of the desired twist
-MAX_LOST_PART = 0.3
-# Weight of a rotation in the camera's speed: a rotation at 1 rad/s counts as much as a translation
-# at this speed, in target depths per second.
-ROTATION_WEIGHT = 0.5
-# The camera is in a local minimum if, according to L, no camera motion reduces the error by at
-# least this fraction.
-MIN_EXPLAINED_PART = 0.1
 # If the mean time between two images is longer than this (s), the low frame rate, and not the gain,
 # explains why the error decreases slowly.
 MAX_PERIOD = 0.2
-
-
-@dataclass(eq=False)
-class _ServoedImage:
-    """Data of one image at which the camera was servoed.
-
-    `error` is a list of k numbers in units of the tolerances (k,); `error_size` is the largest.
-    """
-
-    stamp: float
-    error_size: float
-    state: ServoState
-    full_rank: int
-    error: list[float]
-    tolerances: np.ndarray
-    depth: float
-    ik_solution: IKSolution | None
-    is_stretched: bool = False
-
-    # The properties are cached, because each image is evaluated many times.
-    @cached_property
-    def rank(self) -> int:
-        """Return the rank of L."""
-        return self.state.rank
-
-    @cached_property
-    def is_infeasible(self) -> bool:
-        """Return whether the arm loses too large a part of the desired camera twist."""
-        if self.ik_solution is None:
-            return False
-        lost = _compute_speed(np.asarray(self.ik_solution.infeasible_twist), self.depth)
-        if lost <= MAX_LOST_PART * MIN_SPEED:
-            return False
-        desired = _compute_speed(self.state.desired_twist, self.depth)
-        return desired >= MIN_SPEED and lost > MAX_LOST_PART * desired
-
-    @cached_property
-    def explained_part(self) -> float:
-        """Return the fraction of the error that, according to L, a camera motion can remove."""
-        L, norm = self.state.scheme_output.L, float(np.linalg.norm(self.error))
-        if L is None or len(L) != len(self.error) or norm == 0.0:
-            return 1.0
-        L = L * np.repeat((self.depth, 1.0), 3) / self.tolerances[:, None]
-        twist = np.linalg.lstsq(L, self.error, rcond=1e-6)[0]
-        return float(np.linalg.norm(L @ twist)) / norm
 
 
 class ProgressCheck:
@@ -109,7 +54,11 @@ class ProgressCheck:
         Args:
             duration: time limit of the run, s.
         """
-        self._window: deque[_ServoedImage] = deque()
+        self._images: deque[ServoedImage] = deque()
+        # Errors (k,) and sizes (1,) of the errors of these images, in units of the tolerance. If
+        # the number of components changes, the earlier errors are removed, but not their sizes.
+        self._errors, self._sizes = VectorHistory(), VectorHistory()
+        self._noise: float | None = None  # result of `noise`; None until it is computed
         self._duration = duration
         self._image_count = self._slowed_count = 0
         # Time (s) and size of the error (in units of the tolerance) at two images: `_first` is the
@@ -122,8 +71,10 @@ class ProgressCheck:
 
     def clear(self) -> None:
         """Remove all images, because the loop was interrupted."""
-        self._window.clear()
-        self._within_since = None
+        self._images.clear()
+        self._errors.clear()
+        self._sizes.clear()
+        self._within_since = self._noise = None
 
     def add(
         self, state: ServoState, tolerances: np.ndarray, depth: float = DEFAULT_DEPTH,
@@ -137,79 +88,85 @@ class ProgressCheck:
             depth: depth of the target, m.
             is_stretched: whether an elbow of the arm is almost straight.
         """
-        output = state.scheme_output
-        error = output.error / tolerances
-        values = error.tolist()
-        size = max(map(abs, values))
+        stamp, solution = state.stamp, state.ik_solution
+        error = state.scheme_output.error / tolerances
+        size = max(map(abs, error.tolist()))
         if size >= 1.0:
             self._within_since = None
         elif self._within_since is None:
-            self._within_since = state.stamp
-        modelled = 6 if output.task is None else output.task.modelled.tolist().count(True)
-        self._window.append(
-            _ServoedImage(state.stamp, size, state, min(modelled, len(error)), values, tolerances,
-                          depth, state.ik_solution, is_stretched)
-        )  # fmt: skip
+            self._within_since = stamp
+        self._images.append(ServoedImage(state, error, size, tolerances, depth, is_stretched))
+        self._errors.add(stamp, error)
+        self._sizes.add(stamp, (size,))
         self._image_count += 1
-        self._first = self._first or (state.stamp, size)
-        if state.ik_solution is not None and state.ik_solution.scale < FULL_SPEED:
+        self._first = self._first or (stamp, size)
+        if solution is not None and solution.scale < FULL_SPEED:
             self._slowed_count += 1
-            self._last_slowed, self._limiting_joint = (
-                (state.stamp, size),
-                state.ik_solution.limiting_joint,
-            )
-        while self._window[0].stamp < state.stamp - WINDOW:
-            self._window.popleft()
+            self._last_slowed, self._limiting_joint = (stamp, size), solution.limiting_joint
+        self._noise = None
+        while self._images[0].state.stamp < stamp - WINDOW:
+            self._images.popleft()
+            self._sizes.drop_oldest(1)
+        self._errors.drop_oldest(max(len(self._errors) - len(self._images), 0))
         return error
 
     @property
     def is_shrinking(self) -> bool:
         """Return whether the error has decreased, or its mean is within the tolerances."""
-        images = list(self._window)
-        half = len(images) // 2
-        if half == 0:
-            return True
-        before = max([s.error_size for s in images[:half]])
-        after = max([s.error_size for s in images[half:]])
-        return after < 1.0 or after < MIN_PROGRESS * before or _is_within_tolerances(images[half:])
+        return self._compare_halves()[0]
+
+    def _compare_halves(self) -> tuple[bool, bool]:
+        """Compare the errors in the second half of WINDOW with those in the first half.
+
+        Returns:
+            Whether the error has decreased, or its mean is within the tolerances; whether its mean
+            in the second half is within the tolerances, so that only noise remains.
+        """
+        before, after, is_within = _compare_halves(self._sizes.errors, self._errors.errors)
+        is_decreasing = after < 1.0 or after < MIN_PROGRESS * before
+        return is_within or is_decreasing or len(self._images) < 2, is_within
 
     @property
     def settled_time(self) -> float:
         """Return for how long all components of the error have been within their tolerances, s."""
         since = self._within_since
-        return 0.0 if since is None else self._window[-1].stamp - since
+        return 0.0 if since is None else self._images[-1].state.stamp - since
 
     @property
     def period(self) -> float:
         """Return the mean time between two images, s; 0 if there are none."""
-        images = self._window
-        return (images[-1].stamp - images[0].stamp) / (len(images) - 1) if len(images) > 1 else 0.0
+        count = len(self._images)
+        return self._span / (count - 1) if count > 1 else 0.0
+
+    @property
+    def _span(self) -> float:
+        """Return the time from the first to the last image of the window, s."""
+        return self._images[-1].state.stamp - self._images[0].state.stamp
 
     def explain_stall(self, state: ServoState) -> Outcome:
         """Return the outcome for an error that does not decrease.
 
         The outcome is 'running' while the error decreases, and while its cause is unknown.
         """
-        images = list(self._window)
-        if state.phase != SERVOING or images[-1].stamp - images[0].stamp < 0.9 * WINDOW:
+        if state.phase != SERVOING or self._span < 0.9 * WINDOW:
             return Outcome("running", state.reason)
-        if self.is_shrinking:
+        is_shrinking, is_within = self._compare_halves()
+        if is_shrinking and not is_within:
+            return Outcome("running", state.reason)
+        images = list(self._images)
+        if is_shrinking:
             # The mean error is within its tolerances, but the camera has not arrived: a limit of
             # the arm may prevent the last part of the motion.
-            held_back = _is_within_tolerances(images[len(images) // 2 :]) and (
-                _find_limit(images) or _find_infeasibility(images)
-            )
+            held_back = find_limit(images) or find_infeasibility(images)
             return held_back or Outcome("running", state.reason)
-        for cause in (
-            (_find_limit, _find_rank_loss, _find_minimum)
-            if self.noise
-            else (_find_limit, _find_rank_loss, _find_minimum, _find_infeasibility)
-        ):
-            if (found := cause(images)) is not None:
-                return found
-        if (found := self._explain_saturation()) is not None:
-            return found
-        return Outcome("running", state.reason or STALL_REASON)
+        found = (
+            find_limit(images)
+            or find_rank_loss(images, self.noise)
+            or find_minimum(images)
+            or (None if self.noise else find_infeasibility(images))
+            or self._explain_saturation()
+        )
+        return found or Outcome("running", state.reason or STALL_REASON)
 
     @property
     def noise(self) -> float:
@@ -218,7 +175,23 @@ class ProgressCheck:
         The unit is the tolerance of the component. Return 0 if the scatter is small, or if a motion
         or an oscillation causes it.
         """
-        return _estimate_noise(self._window)
+        if self._noise is None:
+            self._noise = self._estimate_noise()
+        return self._noise
+
+    def _estimate_noise(self) -> float:
+        errors = self._errors.errors
+        if len(errors) != len(self._images) or len(errors) < 10:
+            return 0.0
+        scatter = errors.std(axis=0)
+        largest = int(scatter.argmax())
+        change = np.diff(errors[:, largest])
+        # The second difference of a steady motion is 0, so the motion does not count as noise. The
+        # second difference of white noise has 6 times the variance of the noise.
+        noise = float(np.sqrt((np.diff(change) ** 2).mean() / 6.0))
+        if (change**2).mean() > 3.0 * scatter[largest] ** 2:
+            return 0.0
+        return noise if noise > max(MIN_NOISE, MIN_NOISE_PART * scatter[largest]) else 0.0
 
     @property
     def _halves(self) -> tuple[float, float]:
@@ -226,17 +199,16 @@ class ProgressCheck:
 
         The unit is the tolerance.
         """
-        images = list(self._window)
-        half = len(images) // 2
+        sizes = self._sizes.errors[:, 0] if len(self._images) else np.zeros(0)
+        half = len(sizes) // 2
         before, after = (
-            float(np.mean([s.error_size for s in part])) if part else 0.0
-            for part in (images[:half], images[half:])
+            float(part.mean()) if len(part) else 0.0 for part in (sizes[:half], sizes[half:])
         )
         return before, after
 
     def _explain_saturation(self) -> Outcome | None:
         """Return the outcome for joints at their speed limits, with the time that the run needs."""
-        found = _find_saturation(list(self._window))
+        found = find_saturation(self._images)
         if found is None or self.noise:
             return None
         before, after = self._halves
@@ -246,14 +218,14 @@ class ProgressCheck:
     @property
     def saturation_outcome(self) -> Outcome | None:
         """Return the outcome for joints that were often at their speed limits, or None."""
-        if self._slowed_count < MIN_SLOWED_PART * self._image_count:
+        if not self._images or self._slowed_count < MIN_SLOWED_PART * self._image_count:
             return None
         (start, before), (end, after) = self._first, self._last_slowed
         rate = (before - after) / max(end - start, 1e-9)
         return replace(make_outcome(
             "saturation", f"{self._limiting_joint} was at its speed or acceleration limit in "
             f"{100.0 * self._slowed_count / self._image_count:.0f} % of the images",
-        ), remedy=suggest_more_time(self._duration, self._window[-1].error_size, rate,
+        ), remedy=suggest_more_time(self._duration, self._images[-1].error_size, rate,
         linear=True))  # fmt: skip
 
     def explain_timeout(self, reason: str) -> Outcome:
@@ -266,36 +238,32 @@ class ProgressCheck:
             return replace(make_outcome(
                 "too_few_images", f"{reason}; images arrived only every {self.period:.2f} s"
             ), remedy=suggest_longer_watchdog(self.period, None, self._duration))  # fmt: skip
-        images = list(self._window)
-        for cause in (
-            (_find_limit, _find_rank_loss)
-            if self.noise
-            else (_find_limit, _find_rank_loss, _find_infeasibility)
-        ):
-            if (found := cause(images)) is not None:
-                return found
-        if (found := self._explain_saturation()) is not None:
+        images, noise = list(self._images), self.noise
+        found = (
+            find_limit(images)
+            or find_rank_loss(images, noise)
+            or (None if noise else find_infeasibility(images))
+            or self._explain_saturation()
+        )
+        if found:
             return found
         if dropped := next(
             (s.state.dropped_reason for s in reversed(images) if s.state.dropped_reason), ""
         ):
             text = f"{reason}; {dropped}" if dropped not in reason else reason
-            return replace(
-                make_outcome("too_noisy", text), remedy=suggest_larger_target(self.noise)
-            )
+            return replace(make_outcome("too_noisy", text), remedy=suggest_larger_target(noise))
         before, after = self._halves
-        slow = self.is_shrinking or after < SLOW_PROGRESS * before
         rate = float(np.log(max(before, 1e-9) / max(after, 1e-9))) / (0.5 * WINDOW)
-        if (noise := self.noise) > 0.0:
+        if noise:
             # A noisy error makes the measured rate of decrease unreliable, so a clear decrease is
             # required.
             slow = after < MIN_PROGRESS * before
             others = suggest_more_time(self._duration, after, rate).changes if slow else ()
             return replace(make_outcome(
                 "too_noisy", f"{reason}; from image to image the error scatters by {noise:.1f} "
-                f"times its tolerance{_describe_accuracy(images)}",
+                f"times its tolerance{self._describe_accuracy()}",
             ), remedy=suggest_larger_target(noise, *others))  # fmt: skip
-        if slow:
+        if self.is_shrinking or after < SLOW_PROGRESS * before:
             reason = reason.removesuffix(f": {STALL_REASON}")
             return replace(
                 make_outcome("timed_out", reason),
@@ -305,121 +273,50 @@ class ProgressCheck:
             reason = f"{reason}; {STALL_REASON}"
         return make_outcome("no_progress", reason)
 
+    def _describe_accuracy(self) -> str:
+        """Describe how accurately a single image determines the camera pose, as text.
 
-def _compute_speed(twist: np.ndarray, depth: float) -> float:
-    """Return the size of a twist (6,), m/s and rad/s, in target depths per second.
-
-    The argument `depth` is in m.
-    """
-    vx, vy, vz, wx, wy, wz = twist.tolist()
-    return hypot(vx, vy, vz) / depth + ROTATION_WEIGHT * hypot(wx, wy, wz)
-
-
-def _estimate_noise(images: Sequence[_ServoedImage]) -> float:
-    """Return the scatter of the largest error component from image to image.
-
-    The unit is the tolerance of the component. Return 0 if the scatter is small, or if a motion or
-    an oscillation causes it.
-    """
-    if len({len(s.error) for s in images}) != 1 or len(images) < 10:
-        return 0.0
-    errors = np.array([s.error for s in images])
-    scatter = errors.std(axis=0)
-    largest = int(scatter.argmax())
-    change = np.diff(errors[:, largest])
-    # The second difference of a steady motion is 0, so the motion does not count as noise. The
-    # second difference of white noise has 6 times the variance of the noise.
-    noise = float(np.sqrt((np.diff(change) ** 2).mean() / 6.0))
-    if (change**2).mean() > 3.0 * scatter[largest] ** 2:
-        return 0.0
-    return noise if noise > max(MIN_NOISE, MIN_NOISE_PART * scatter[largest]) else 0.0
-
-
-def _describe_accuracy(images: Sequence[_ServoedImage]) -> str:
-    """Describe how accurately a single image determines the camera pose, as text.
-
-    Return an empty text if there is no L of the features.
-    """
-    last = images[-1]
-    L = last.state.scheme_output.L
-    if L is None or np.shape(L) != (len(last.error), 6):
-        return ""
-    scale = np.repeat((last.depth, 1.0), 3)
-    inverse = np.linalg.pinv(L * scale / last.tolerances[:, None], rcond=1e-6)
-    pose = (np.array([s.error for s in images]) @ inverse.T * scale).std(axis=0)
-    distance, angle = 1e3 * np.linalg.norm(pose[:3]), np.degrees(np.linalg.norm(pose[3:]))
-    return (
-        f": one image determines the camera's pose to {distance:.2g} mm and {angle:.2g} degrees"
-    )
-
-
-def _find_limit(images: Sequence[_ServoedImage]) -> Outcome | None:
-    # List comprehensions are used, because generators would need a call for each image.
-    stopped = [s.ik_solution.stopped_joints for s in images
-               if s.ik_solution is not None and s.ik_solution.stopped_joints]  # fmt: skip
-    if not images or len(stopped) < MIN_IMAGE_PART * len(images):
-        return None
-    joints = ", ".join(sorted({name for names in stopped for name in names}))
-    return make_outcome(
-        "joint_limit", f"the path to the goal leads beyond the limit of {joints}"
-    )
-
-
-def _find_rank_loss(images: Sequence[_ServoedImage]) -> Outcome | None:
-    if not images or sum([s.rank < s.full_rank for s in images]) < MIN_IMAGE_PART * len(images):
-        return None
-    text = f"L has rank {images[-1].rank} of {images[-1].full_rank}"
-    if (dropped := images[-1].state.dropped_reason):
-        return replace(
-            make_outcome("too_noisy", f"{text}: {dropped}"),
-            remedy=suggest_larger_target(_estimate_noise(images)),
+        Return an empty text if there is no L of the features.
+        """
+        last = self._images[-1]
+        L = last.state.scheme_output.L
+        if L is None or np.shape(L) != (len(last.error), 6):
+            return ""
+        scale = np.repeat((last.depth, 1.0), 3)
+        inverse = np.linalg.pinv(L * scale / last.tolerances[:, None], rcond=1e-6)
+        pose = (self._errors.errors @ inverse.T * scale).std(axis=0)
+        distance, angle = 1e3 * np.linalg.norm(pose[:3]), np.degrees(np.linalg.norm(pose[3:]))
+        return (
+            f": one image determines the camera's pose to {distance:.2g} mm and "
+            f"{angle:.2g} degrees"
         )
-    return make_outcome("singular", f"{text}: the features do not measure all camera motions")
 
 
-def _find_minimum(images: Sequence[_ServoedImage]) -> Outcome | None:
-    if not all([s.explained_part < MIN_EXPLAINED_PART for s in images[len(images) // 2 :]]):
-        return None
-    text = ""
-    solution = images[-1].ik_solution
-    if solution is not None and solution.null_direction is not None:
-        direction = np.round(np.asarray(solution.null_direction), 2).tolist()
-        text = f"; null direction {direction}"
-    return make_outcome(
-        "local_minimum",
-        f"the camera is at rest with an error of {images[-1].error_size:.0f} times its tolerance: "
-        "according to L, a camera motion can reduce the error by at most "
-        f"{100.0 * images[-1].explained_part:.0f} %{text}",
-    )
+@jit("f8[:,:], f8[:,:]", allocates=False)
+def _compare_halves(sizes, errors):
+    """Compare the errors in the second half of m images with those in the first half.
 
+    Args:
+        sizes: (m, 1) largest error component of each image, in units of the tolerance.
+        errors: (n, k) errors of the last n images, n <= m, in units of the tolerance.
 
-def _find_infeasibility(images: Sequence[_ServoedImage]) -> Outcome | None:
-    if not images or sum([s.is_infeasible for s in images]) < MIN_IMAGE_PART * len(images):
-        return None
-    solution = images[-1].ik_solution
-    missing = np.round(np.asarray(solution.infeasible_twist), 4).tolist()
-    if sum([s.is_stretched for s in images]) > MIN_IMAGE_PART * len(images):
-        return make_outcome(
-            "out_of_reach", "the arm is stretched and the goal lies beyond its reach; the arm "
-            f"loses this part of the desired twist (m/s, rad/s): {missing}",
-        )  # fmt: skip
-    return make_outcome(
-        "singular", "the arm cannot move the camera as desired; it loses this part of the desired "
-        f"twist (m/s, rad/s): {missing}"
-    )
-
-
-def _find_saturation(images: Sequence[_ServoedImage]) -> Outcome | None:
-    slowed = [s.ik_solution for s in images if s.ik_solution and s.ik_solution.scale < FULL_SPEED]
-    if not slowed or len(slowed) < MIN_IMAGE_PART * len(images):
-        return None
-    joint = slowed[-1].limiting_joint
-    return make_outcome("saturation", f"{joint} is at its speed or acceleration limit")
-
-
-def _is_within_tolerances(images: Sequence[_ServoedImage]) -> bool:
-    """Return whether each mean error is within its tolerance, so that only noise remains."""
-    errors = [s.error for s in images]
-    if len({len(e) for e in errors}) != 1:
-        return False
-    return all(abs(sum(component)) < len(errors) for component in zip(*errors, strict=True))
+    Returns:
+        The largest sizes in the first and in the second half; whether each mean error in the second
+        half is within its tolerance.
+    """
+    count, half = len(sizes), len(sizes) // 2
+    before = after = 0.0
+    for i in range(count):
+        if i < half:
+            before = max(before, sizes[i, 0])
+        else:
+            after = max(after, sizes[i, 0])
+    late = count - half
+    is_within = 0 < late <= len(errors)
+    if is_within:
+        for k in range(errors.shape[1]):
+            total = 0.0
+            for i in range(len(errors) - late, len(errors)):
+                total += errors[i, k]
+            is_within &= abs(total) < late
+    return before, after, is_within

@@ -4,7 +4,7 @@ import math
 
 from blocks import ROOT
 
-from aras_visual_servo_controller.diagnosis.arrival_check import GOAL_TOLERANCE
+from aras_visual_servo_controller.diagnosis.camera_offset import GOAL_TOLERANCE
 from aras_visual_servo_controller.diagnosis.pose_uncertainty import NEGLIGIBLE_UNCERTAINTY
 
 

@@ -9,17 +9,20 @@ from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_controller.diagnosis.arrival_check import (
-    ArrivalCheck,
+from aras_visual_servo_controller.diagnosis.arrival_check import ArrivalCheck
+from aras_visual_servo_controller.diagnosis.camera_offset import (
+    PoseOffsets,
     compute_mean_offset,
     compute_speed,
 )
-from aras_visual_servo_controller.diagnosis.pose_uncertainty import (
-    ArrivalMargin,
-    PoseOffsets,
-    bound_symmetry,
+from aras_visual_servo_controller.diagnosis.offset_statistics import (
     compute_confidence_length,
     compute_unexplained_ratio,
+)
+from aras_visual_servo_controller.diagnosis.pose_uncertainty import (
+    ArrivalMargin,
+    bound_symmetry,
+    split_directions,
 )
 from aras_visual_servo_controller.diagnosis.view_check import (
     SECOND_ORDER_TOLERANCE,
@@ -334,9 +337,10 @@ def test_what_is_left_open_is_what_the_inverse_of_L_makes_of_it(seed, rows, mode
     modelled = np.arange(6) < modelled
     other = 2.0 * error
     decision = an_output(error, L, modelled, residual=error if seed else None)
+    held_offset, directions = split_directions(here, goal, modelled, arm)
     left = ArrivalMargin(
-        decision, here, goal, other if seed else error, accuracy, arm
-    ).bound_uncertainty(here, offsets)
+        decision, here, goal, directions, other if seed else error, accuracy
+    ).bound_uncertainty(here, held_offset, offsets)
 
     scale, held = np.array([1.0] * 3 + [depth] * 3), np.zeros(6)
     free = arm.jacobian if joints else None

@@ -16,12 +16,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from math import inf, pi, radians, sin, sqrt
-from typing import TYPE_CHECKING, NamedTuple
+from math import inf, pi, radians, sin
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import jit
 from aras_visual_servo_base.poses import pose_difference, skew
 from aras_visual_servo_camera.interaction import Plane
 
@@ -30,6 +29,13 @@ from ..kinematics.held_directions import compute_held_directions
 from ..records.outcomes import NO_REMEDY, PoseUncertainty
 from ..records.remedy import Remedy
 from .advice import suggest_larger_target
+from .camera_offset import RANK_TOLERANCE, PoseOffsets
+from .offset_statistics import (
+    Z_997,
+    compute_bounds,
+    compute_unexplained_ratio,
+    estimate_residual_accuracy,
+)
 
 if TYPE_CHECKING:
     from ..goals.goal import Goal
@@ -47,23 +53,15 @@ REST_MOTION = (5e-5, 1e-4)
 # After an image, the camera keeps its speed for at most this time, s, because the next command
 # takes effect gradually.
 REACTION_TIME = 0.06
-# Safety factors on translation and rotation for the part of an offset that exceeds the noise. They
-# are large enough for an L computed with 0.6 times the true depth, and for a mounting that is wrong
-# by 8 degrees.
-OFFSET_FACTORS = 1.7, 1.4
 # Factor on the standard deviation of corners and pixels, because large errors are more frequent
 # than in a normal distribution. Measured on 949 pairs of rendered views: with this factor, 0.8 % of
 # the offsets that are measured with corners exceed the 99.7 % bound, at most by a factor of 1.2.
 TAIL_FACTOR = 1.1
-Z_997 = 2.748  # 99.7 % quantile of a normal distribution
 # Part of the standard deviation of one image that averaging over images does not remove. It is due
 # to the clipping of noise at black and white. Measured with corners and markers over 25 images with
 # a noise of 5 grey levels: the error of the mean is at least 0.4 standard deviations in a quarter
 # of the cases. Independent noise would give 0.2.
 SYSTEMATIC_PART = 0.25
-# A direction of camera motion is not measured if its singular value of L is below this fraction of
-# the largest one.
-RANK_TOLERANCE = 1e-6
 # Largest offset of the camera for which the linearisation by L is valid: translation as a fraction
 # of the depth, rotation in rad. A direction of camera motion with a larger uncertainty is treated
 # as not measured.
@@ -85,8 +83,6 @@ WEAK_DIRECTION = 0.05
 # they change the plane by less than this fraction of the most effective motion.
 MIN_PLANE_CHANGE = 0.05
 NO_OFFSET, IDENTITY = np.zeros(6), np.eye(6)
-# Noise does not explain an error of more than this many standard deviations.
-NOISE_DEVIATIONS = 3.0
 USE_LARGER_TARGET = suggest_larger_target(1.5)
 ADD_FEATURE = Remedy("if the exact pose matters, add a feature that measures these motions")
 PLANE_REASON = (
@@ -95,22 +91,6 @@ PLANE_REASON = (
 )
 CHECK_CALIBRATION = Remedy("check the camera's calibration and the target's pose at the goal")
 ADD_POINTS = Remedy("use a target with more points, farther apart, or not in one plane")
-
-
-class PoseOffsets(NamedTuple):
-    """Mean offset of the camera from its goal over several noisy images.
-
-    Attributes:
-        mean: (6,) mean offset, m and rad.
-        scatter: (6, 6) covariance of the offset of a single image.
-        count: number of images.
-        speed: speed of the camera relative to its goal before the last image, m/s and rad/s.
-    """
-
-    mean: np.ndarray
-    scatter: np.ndarray
-    count: int
-    speed: tuple[float, float]
 
 
 class ArrivalMargin:
@@ -124,9 +104,9 @@ class ArrivalMargin:
         scheme_output: SchemeOutput,
         observation: Observation,
         goal: Goal,
+        free: np.ndarray,
         error: np.ndarray,
         accuracy: np.ndarray | float | None,
-        ik_solution: IKSolution | None,
         noise: np.ndarray | float = 0.0,
         scatter: np.ndarray | None = None,
     ) -> None:
@@ -136,18 +116,14 @@ class ArrivalMargin:
             scheme_output: measurement and task of the image.
             observation: observation of the image.
             goal: goal of the run.
+            free: (f, 6) camera directions that the task controls, see `split_directions`.
             error: (k,) mean error of the last images.
             accuracy: accuracy of the features that are the rows of L, see `Feature.accuracy`.
-            ik_solution: joint velocities, which show in which directions an arm of few joints can
-                move the camera; None if it can move in all six.
             noise: (k,) standard deviation of each component of the mean error.
             scatter: (6, 6) covariance of the offset of a single image, m and rad.
         """
-        self._goal, self._modelled = goal, scheme_output.task.modelled
-        self._ambiguity, self._symmetry_bound = (
-            scheme_output.ambiguity,
-            bound_symmetry(scheme_output.ambiguity, goal),
-        )
+        self._goal, self._ambiguity = goal, scheme_output.ambiguity
+        self._symmetry_bound = bound_symmetry(scheme_output.ambiguity, goal)
         self._systematic_part = 0.0 if accuracy is None else SYSTEMATIC_PART
         self._depth = depth = goal.distance
         scale = self._scale = np.array([1.0] * 3 + [depth] * 3)
@@ -157,15 +133,13 @@ class ArrivalMargin:
         if np.ndim(accuracy) == 0 and accuracy is not None:
             accuracy = accuracy * np.eye(len(L))
         if len(error) <= MAX_RESIDUAL_ROWS:
-            accuracy = _estimate_residual_accuracy(L, error, noise) if accuracy is None else (
+            accuracy = estimate_residual_accuracy(L, error, noise) if accuracy is None else (
                 accuracy * max(compute_unexplained_ratio(L, error, accuracy, noise), 1.0)
             )  # fmt: skip
         # With more than six rows, replace L by six rows that give the same least-squares solution.
         if len(L) > 6:
             Q, L = np.linalg.qr(L)
             accuracy = None if accuracy is None else Q.T @ accuracy
-        self._ik_solution = ik_solution
-        free = split_directions(observation, goal, self._modelled, ik_solution)[1]
         u, s, vt = np.linalg.svd(L @ free.T)
         s = np.append(s, np.zeros(len(vt) - len(s)))
         is_measured = s > RANK_TOLERANCE * s[0]
@@ -205,6 +179,7 @@ class ArrivalMargin:
     def bound_uncertainty(
         self,
         observation: Observation,
+        held_offset: np.ndarray,
         offsets: PoseOffsets,
         unseen_motion: np.ndarray | None = None,
         poses: Sequence[AmbiguousPose] = (),
@@ -213,6 +188,7 @@ class ArrivalMargin:
 
         Args:
             observation: observation of the image.
+            held_offset: (6,) offset along the held directions, see `split_directions`.
             offsets: mean offset and its covariance.
             unseen_motion: (6,) camera motion that the image shows but no feature measures, in m
                 (rotations times the target's depth).
@@ -221,9 +197,8 @@ class ArrivalMargin:
         Returns:
             The bounds of translation and rotation, with their cause and a remedy as text.
         """
-        held_offset = self._compute_held_offset(observation)
         scatter_part = self._compute_scatter_part(offsets)
-        distance, angle = _compute_bounds(
+        distance, angle = compute_bounds(
             offsets.mean,
             offsets.scatter,
             self._measurement_covariance,
@@ -245,7 +220,7 @@ class ArrivalMargin:
             # The offset due to the plane is computed once, because the camera is at rest after its
             # arrival.
             if self._plane_offset is None:
-                offset = self.compute_offset(observation, offsets.mean)
+                offset = self.compute_offset(held_offset, offsets.mean)
                 self._plane_offset = self._compute_plane_offset(observation, offset)
             plane_distance, plane_angle = self._plane_offset
             if plane_distance > distance or plane_angle > angle:
@@ -276,17 +251,17 @@ class ArrivalMargin:
                 distance, angle = distance + extra_distance, min(angle + extra_angle, pi)
         return PoseUncertainty(distance, angle, " and ".join(parts), reason, remedy)
 
-    def compute_offset(self, observation: Observation, offset: np.ndarray) -> np.ndarray:
+    def compute_offset(self, held_offset: np.ndarray, offset: np.ndarray) -> np.ndarray:
         """Combine an offset measured by the features with the offset that kinematics give.
 
         Args:
-            observation: observation with the camera's pose.
+            held_offset: (6,) offset along the held directions, see `split_directions`.
             offset: (6,) offset of the camera from the goal by features, m and rad.
 
         Returns:
             The combined offset (6,), in m (rotations times the target's depth).
         """
-        return offset * self._scale + self._coupling @ self._compute_held_offset(observation)
+        return offset * self._scale + self._coupling @ held_offset
 
     def compute_covariance(self, offsets: PoseOffsets) -> np.ndarray:
         """Return the covariance (6, 6) of the mean offset, in m^2 (rotations times the depth).
@@ -327,9 +302,6 @@ class ArrivalMargin:
         by_motion = changes @ self._doubtful_directions.T
         motion = np.linalg.pinv(by_motion, MIN_PLANE_CHANGE) @ rest @ self._doubtful_directions
         return float(np.linalg.norm(motion[:3])), float(np.linalg.norm(motion[3:])) / self._depth
-
-    def _compute_held_offset(self, observation: Observation) -> np.ndarray:
-        return split_directions(observation, self._goal, self._modelled, self._ik_solution)[0]
 
     def _compute_scatter_part(self, offsets: PoseOffsets) -> float:
         """Return the ratio of the variance of the mean offset to that of one image's offset."""
@@ -376,100 +348,6 @@ def split_directions(
         return NO_OFFSET, IDENTITY[modelled]
     held, errors, free = compute_held_directions(here, there, modelled, goal.distance)
     return -errors @ held, free
-
-
-def _estimate_residual_accuracy(
-    L: np.ndarray, error: np.ndarray, noise: np.ndarray | float
-) -> np.ndarray | None:
-    """Estimate the accuracy (k, k) of features that do not define their own accuracy.
-
-    The accuracy is estimated from the part of the error (k,) that, according to L (k, 6), no camera
-    motion explains. The squared noise (k,) is subtracted from the square of this part. Return None
-    if L and the noise explain the whole error.
-    """
-    lengths = np.linalg.norm(L, axis=1)
-    weights = np.divide(1.0, lengths, out=np.zeros_like(lengths), where=lengths > 0.0)
-    u, s, _ = np.linalg.svd(weights[:, None] * L)
-    rest = u[:, int((s > RANK_TOLERANCE * s[0]).sum()) :].T
-    if not len(rest):
-        return None
-    noise = NOISE_DEVIATIONS * np.linalg.norm(rest * (weights * noise))
-    left = np.linalg.norm(rest @ (weights * error)) ** 2 - noise**2
-    return np.diag(lengths * sqrt(left / len(rest))) if left > 0.0 else None
-
-
-def compute_unexplained_ratio(
-    L: np.ndarray, error: np.ndarray, accuracy: np.ndarray, noise: np.ndarray | float = 0.0
-) -> float:
-    """Return the ratio of the unexplained part of an error (k,) to its expected size.
-
-    The unexplained part is the error minus the effects of noise (k,) and of the best camera motion
-    by L (k, 6). Its expected size follows from the accuracy (k, m) of both the goal and the image.
-    Return 0 if k does not exceed the rank of L.
-    """
-    u, s, _ = np.linalg.svd(L)
-    rest = u[:, int((s > RANK_TOLERANCE * s[0]).sum()) :].T
-    expected = 2.0 * float(((rest @ accuracy) ** 2).sum())
-    found = float(((rest @ error) ** 2).sum() - ((rest * noise) ** 2).sum())
-    return sqrt(found / expected) if expected > 0.0 and found > 0.0 else 0.0
-
-
-@jit("f8[:], f8[:,:]")
-def compute_confidence_length(mean, covariance):
-    """Return the length that 99.7 % of normally distributed vectors in R^3 do not exceed.
-
-    The squared length is approximated by a scaled chi-square variable with the same mean and
-    variance (P. Patnaik, Biometrika 36, 1949). The quantile of this variable is approximated
-    according to E. Wilson and M. Hilferty, 1931.
-
-    Args:
-        mean: (3,) mean of the vectors.
-        covariance: (3, 3) covariance of the vectors.
-    """
-    square, variance = 0.0, 0.0
-    for i in range(3):
-        square += mean[i] * mean[i] + covariance[i, i]
-        for j in range(3):
-            variance += 2.0 * covariance[i, j] ** 2 + 4.0 * mean[i] * covariance[i, j] * mean[j]
-    if variance <= 0.0 or square <= 0.0:
-        return np.sqrt(max(square, 0.0))
-    # `inverse` is 2 / (9 n) in the Wilson-Hilferty formula, with n degrees of freedom.
-    inverse = variance / (9.0 * square * square)
-    return np.sqrt(square * (1.0 - inverse + Z_997 * np.sqrt(inverse)) ** 3)
-
-
-@jit("f8[:], f8[:,:], f8[:,:], f8, f8[:,:], f8[:], f8[:]")
-def _compute_bounds(mean, scatter, measured, scatter_part, coupling, held_offset, scale):
-    """Return 99.7 % bounds of an offset's translation and rotation, the latter times the depth, m.
-
-    Args:
-        mean: (6,) mean offset that the images show, m and rad.
-        scatter: (6, 6) covariance of the offset of a single image, m and rad.
-        measured: (6, 6) covariance due to the accuracy of the features, scaled by `scale`.
-        scatter_part: fraction of `scatter` that remains in the mean.
-        coupling: (6, 6) matrix that maps `held_offset` to its contribution to the offset of the
-            camera.
-        held_offset: (6,) offset along the directions that kinematics hold constant, scaled by
-            `scale`.
-        scale: (6,) factors 1 for translations, and the target's depth for rotations.
-    """
-    known, covariance, factors = np.empty(6), np.empty((6, 6)), np.empty(2)
-    for block in range(2):
-        square, noise = 0.0, 0.0
-        for i in range(3 * block, 3 * block + 3):
-            square += mean[i] ** 2
-            noise += scatter_part * scatter[i, i]
-        # OFFSET_FACTORS apply only to the part of the offset that exceeds the noise.
-        certainty = 1.0 - noise / square if noise < square else 0.0
-        factors[block] = 1.0 + (OFFSET_FACTORS[block] - 1.0) * certainty
-    for i in range(6):
-        known[i] = factors[i // 3] * mean[i] * scale[i]
-        for j in range(6):
-            known[i] += coupling[i, j] * held_offset[j]
-            covariance[i, j] = scatter_part * scale[i] * scale[j] * scatter[i, j] + measured[i, j]
-    return compute_confidence_length(known[:3], covariance[:3, :3]), compute_confidence_length(
-        known[3:], covariance[3:, 3:]
-    )
 
 
 def bound_symmetry(ambiguity: str, goal: Goal) -> tuple[float, float]:

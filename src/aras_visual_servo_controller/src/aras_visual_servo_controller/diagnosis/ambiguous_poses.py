@@ -9,7 +9,7 @@ Otherwise the poses are distinguished by the image, if it differs enough between
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -135,18 +135,27 @@ class AmbiguousPoses:
         goal_points = backproject(points, self._inverse_depth)
         radius = float(np.sqrt(points.var(axis=0).sum()))
         close = min(MAX_POINT_DISTANCE, MAX_RADIUS_PART * radius)
+        flat = np.column_stack([points, np.ones(len(points))])
+        affine = flat @ np.linalg.pinv(flat)  # maps points to the nearest affine image of `points`
         for shift in range(len(points)):
             shifted = np.roll(points, -shift, axis=0)
-            if not _is_affine(points, shifted, AFFINE_TOLERANCE * radius):
+            if np.abs(shifted - affine @ shifted).max() > AFFINE_TOLERANCE * radius:
                 continue
             for c_T_g in _solve_poses(goal_points, shifted):
+                # The goal and a pose that has already been found need no refinement.
+                if self._is_known(c_T_g, known):
+                    continue
+                try:
+                    c_T_g = refine_pose(c_T_g[:3, :3], c_T_g[:3, 3], goal_points, shifted)
+                except (MeasurementError, np.linalg.LinAlgError):
+                    continue
                 X = goal_points @ c_T_g[:3, :3].T + c_T_g[:3, 3]
                 if not (X[:, 2] > 0.0).all():
                     continue
                 projected = X[:, :2] / X[:, 2:]
                 if np.abs(projected - shifted).max() > close:
                     continue
-                if any(_is_same_pose(c_T_g, one, self.goal.distance) for one in known):
+                if self._is_known(c_T_g, known):
                     continue
                 known.append(c_T_g)
                 normal = c_T_g[:3, :3] @ self._plane
@@ -158,9 +167,17 @@ class AmbiguousPoses:
                         projected[order], (1.0 / X[:, 2])[order], plane, distance, angle
                     )
 
+    def _is_known(self, pose: np.ndarray, known: Sequence[np.ndarray]) -> bool:
+        """Return whether a pose (4, 4) differs from one of the known poses by less than SAME_POSE.
+        """
+        differences = (pose_difference(pose, one) for one in known)
+        return any(
+            distance / self.goal.distance + angle < SAME_POSE for distance, angle in differences
+        )
+
 
 def _solve_poses(places: np.ndarray, points: np.ndarray) -> Iterator[np.ndarray]:
-    """Yield the camera poses c_T_g (4, 4) that project coplanar points of frame g to image points.
+    """Yield approximate camera poses c_T_g (4, 4) that project coplanar points to image points.
 
     Args:
         places: (n, 3) coplanar points in frame g, m.
@@ -178,11 +195,10 @@ def _solve_poses(places: np.ndarray, points: np.ndarray) -> Iterator[np.ndarray]
             about / size, image, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
         )
     for rotation, translation in zip(rotations, translations, strict=True):
-        R = cv2.Rodrigues(rotation)[0]
-        try:
-            yield refine_pose(R, size * np.ravel(translation) - R @ centre, places, points)
-        except (MeasurementError, np.linalg.LinAlgError):
-            continue
+        c_T_g = np.eye(4)
+        c_T_g[:3, :3] = R = cv2.Rodrigues(rotation)[0]
+        c_T_g[:3, 3] = size * np.ravel(translation) - R @ centre
+        yield c_T_g
 
 
 def _compare_planes(one: np.ndarray, other: np.ndarray) -> float:
@@ -191,23 +207,6 @@ def _compare_planes(one: np.ndarray, other: np.ndarray) -> float:
     sizes = np.linalg.norm(one), np.linalg.norm(other)
     cosine = float(np.clip(one @ other / (sizes[0] * sizes[1]), -1.0, 1.0))
     return float(np.arccos(cosine) + abs(np.log(sizes[0] / sizes[1])))
-
-
-def _is_same_pose(one: np.ndarray, other: np.ndarray, depth: float) -> bool:
-    """Return whether two camera poses (4, 4) differ by less than SAME_POSE.
-
-    The translation is divided by the target's `depth`, m.
-    """
-    distance, angle = pose_difference(one, other)
-    return distance / depth + angle < SAME_POSE
-
-
-def _is_affine(points: np.ndarray, mapped_points: np.ndarray, tolerance: float) -> bool:
-    """Return whether an affine map takes points (n, 2) to other points (n, 2) within a tolerance.
-    """
-    flat = np.column_stack([points, np.ones(len(points))])
-    rest = mapped_points - flat @ np.linalg.lstsq(flat, mapped_points, rcond=None)[0]
-    return bool(np.abs(rest).max() <= tolerance)
 
 
 def _match_corners(corners: np.ndarray | None, points: np.ndarray) -> np.ndarray | None:

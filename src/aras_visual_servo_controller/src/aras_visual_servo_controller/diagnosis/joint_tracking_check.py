@@ -10,6 +10,25 @@ from aras_visual_servo_base.compiled import jit
 
 from ..observation.vector_history import VectorHistory
 
+SPAN = 1.5  # duration over which joint states are evaluated, s
+# If the loop waits for any joint in more than this fraction of the images, all joints for which
+# it has waited count as lagging.
+MAX_WAITING_PART = 0.6
+# If the loop waits in a smaller fraction of the images than MAX_WAITING_PART, a joint lags
+# under two conditions: the loop waits for the joint in more than MIN_WAITING_PART of the
+# images, and the joint makes less than MIN_MOTION_PART of its commanded motion.
+MIN_WAITING_PART = 0.1
+MIN_MOTION_PART = 0.1
+# Lagging joints are slow, and not blocked, if all of them move faster than this (rad/s or m/s).
+SLOW_SPEED = 1e-3
+# A joint oscillates if the rms difference between its measured and commanded velocities exceeds
+# both MIN_SPEED_ERROR (rad/s or m/s) and SPEED_ERROR_FACTOR times its rms commanded velocity.
+MIN_SPEED_ERROR, SPEED_ERROR_FACTOR = 0.5, 3.0
+CHECK_PERIOD = 5  # number of images between two evaluations of the joints
+# Joint states that cover at least this duration (s) are needed to detect an oscillation of a
+# joint.
+MIN_SPAN = 0.3
+
 
 class JointTrackingCheck:
     """Test for joints that lag behind their commands or oscillate, over the last SPAN seconds.
@@ -18,25 +37,6 @@ class JointTrackingCheck:
     the loop waits in some images and the joint has moved only a small part of the commanded
     distance.
     """
-
-    SPAN = 1.5  # duration over which joint states are evaluated, s
-    # If the loop waits for any joint in more than this fraction of the images, all joints for which
-    # it has waited count as lagging.
-    MAX_WAITING_PART = 0.6
-    # If the loop waits in a smaller fraction of the images than MAX_WAITING_PART, a joint lags
-    # under two conditions: the loop waits for the joint in more than MIN_WAITING_PART of the
-    # images, and the joint makes less than MIN_MOTION_PART of its commanded motion.
-    MIN_WAITING_PART = 0.1
-    MIN_MOTION_PART = 0.1
-    # Lagging joints are slow, and not blocked, if all of them move faster than this (rad/s or m/s).
-    SLOW_SPEED = 1e-3
-    # A joint oscillates if the rms difference between its measured and commanded velocities exceeds
-    # both MIN_SPEED_ERROR (rad/s or m/s) and SPEED_ERROR_FACTOR times its rms commanded velocity.
-    MIN_SPEED_ERROR, SPEED_ERROR_FACTOR = 0.5, 3.0
-    CHECK_PERIOD = 5  # number of images between two evaluations of the joints
-    # Joint states that cover at least this duration (s) are needed to detect an oscillation of a
-    # joint.
-    MIN_SPAN = 0.3
 
     def __init__(self, names: Sequence[str] = (), lengths: np.ndarray | float = 1.0) -> None:
         """Create the check.
@@ -68,29 +68,21 @@ class JointTrackingCheck:
         samples = self._samples
         samples.add(stamp, np.concatenate((late, commanded, measured)))
         self._new_images += 1
-        if self._new_images >= self.CHECK_PERIOD:
+        if self._new_images >= CHECK_PERIOD:
             self._new_images = 0
-            samples.drop_before(stamp - self.SPAN)
+            samples.drop_before(stamp - SPAN)
             self._judge(stamp - samples.stamps[0])
 
     def _judge(self, span: float) -> None:
-        rows = self._samples.errors / self._units
-        late, waiting_part, motion, commanded, speed_error, max_speed = _sum_rows(rows)
-        lags = late > 0.0
-        if waiting_part <= self.MAX_WAITING_PART:
-            lags = (motion < self.MIN_MOTION_PART * commanded) & (late > self.MIN_WAITING_PART)
-        lags &= span >= 0.9 * self.SPAN
-        oscillates = (
-            (span > self.MIN_SPAN)
-            & (speed_error > self.MIN_SPEED_ERROR**2)
-            & (speed_error > self.SPEED_ERROR_FACTOR**2 * commanded)
+        lags, oscillates, max_speed = _find_faulty_joints(
+            self._samples.errors, self._units, span
         )
         self.joints, self.is_slow, self.reason = "", True, ""
         is_oscillating = oscillates.any()
         if not is_oscillating and not lags.any():
             return
         self.joints = self._format_names(oscillates if is_oscillating else lags)
-        self.is_slow = not is_oscillating and bool((max_speed[lags] > self.SLOW_SPEED).all())
+        self.is_slow = not is_oscillating and bool((max_speed[lags] > SLOW_SPEED).all())
         if is_oscillating:
             fastest = max_speed[oscillates].max()
             self.reason = (
@@ -121,26 +113,27 @@ def describe_foreign_nodes(nodes: Mapping[str, str]) -> str:
     return "; ".join(f"{node} commands {join_names(names)}" for node, names in joints.items())
 
 
-@jit("f8[:,:]")
-def _sum_rows(rows):
-    """Compute statistics of the joints over m images.
+@jit("f8[:,:], f8[:], f8")
+def _find_faulty_joints(rows, units, span):
+    """Find the joints that lag behind their commands or oscillate.
 
     Args:
         rows: (m, 3 n) one row per image: whether the loop waits for each joint, commanded
             velocities, measured velocities.
+        units: (3 n,) units of the columns.
+        span: time that the images cover, s.
 
     Returns:
-        The fraction (n,) of the images in which the loop waits for each joint; the fraction in
-        which it waits for any joint; the means (n,) of the product of commanded and measured
-        velocity, of the squared commanded velocity, and of the squared difference of both; the
-        largest measured speeds (n,).
+        Whether each joint lags (n,); whether it oscillates (n,); its largest measured speed (n,).
     """
     count, n = rows.shape[0], rows.shape[1] // 3
+    # Sums for each joint: images in which the loop waits for it, product of commanded and measured
+    # velocity, squared commanded velocity, squared difference of both.
     sums, max_speed, waiting = np.zeros((4, n)), np.zeros(n), 0.0
     for row in rows:
         any_late = 0.0
         for i in range(n):
-            commanded, measured = row[n + i], row[2 * n + i]
+            commanded, measured = row[n + i] / units[n + i], row[2 * n + i] / units[2 * n + i]
             sums[0, i] += row[i]
             sums[1, i] += commanded * measured
             sums[2, i] += commanded * commanded
@@ -148,7 +141,17 @@ def _sum_rows(rows):
             max_speed[i] = max(max_speed[i], abs(measured))
             any_late = max(any_late, row[i])
         waiting += any_late
-    for k in range(4):
-        for i in range(n):
-            sums[k, i] /= count
-    return sums[0], waiting / count, sums[1], sums[2], sums[3], max_speed
+    lags, oscillates = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
+    for i in range(n):
+        late, motion, commanded = sums[0, i] / count, sums[1, i] / count, sums[2, i] / count
+        speed_error = sums[3, i] / count
+        lags[i] = late > 0.0
+        if waiting / count <= MAX_WAITING_PART:
+            lags[i] = motion < MIN_MOTION_PART * commanded and late > MIN_WAITING_PART
+        lags[i] &= span >= 0.9 * SPAN
+        oscillates[i] = (
+            span > MIN_SPAN
+            and speed_error > MIN_SPEED_ERROR**2
+            and speed_error > SPEED_ERROR_FACTOR**2 * commanded
+        )
+    return lags, oscillates, max_speed

@@ -55,9 +55,9 @@ class ProgressCheck:
             duration: time limit of the run, s.
         """
         self._images: deque[ServoedImage] = deque()
-        # Errors (k,) and sizes (1,) of the errors of these images, in units of the tolerance. If
-        # the number of components changes, the earlier errors are removed, but not their sizes.
-        self._errors, self._sizes = VectorHistory(), VectorHistory()
+        # Error (k,) of each of these images and its size, in units of the tolerance. If the number
+        # of components changes, the earlier images are removed from the history.
+        self._errors = VectorHistory()
         self._noise: float | None = None  # result of `noise`; None until it is computed
         self._duration = duration
         self._image_count = self._slowed_count = 0
@@ -73,7 +73,6 @@ class ProgressCheck:
         """Remove all images, because the loop was interrupted."""
         self._images.clear()
         self._errors.clear()
-        self._sizes.clear()
         self._within_since = self._noise = None
 
     def add(
@@ -96,8 +95,9 @@ class ProgressCheck:
         elif self._within_since is None:
             self._within_since = stamp
         self._images.append(ServoedImage(state, error, size, tolerances, depth, is_stretched))
-        self._errors.add(stamp, error)
-        self._sizes.add(stamp, (size,))
+        row = np.empty(len(error) + 1)
+        row[:-1], row[-1] = error, size
+        self._errors.add(stamp, row)
         self._image_count += 1
         self._first = self._first or (stamp, size)
         if solution is not None and solution.scale < FULL_SPEED:
@@ -106,7 +106,6 @@ class ProgressCheck:
         self._noise = None
         while self._images[0].state.stamp < stamp - WINDOW:
             self._images.popleft()
-            self._sizes.drop_oldest(1)
         self._errors.drop_oldest(max(len(self._errors) - len(self._images), 0))
         return error
 
@@ -122,9 +121,16 @@ class ProgressCheck:
             Whether the error has decreased, or its mean is within the tolerances; whether its mean
             in the second half is within the tolerances, so that only noise remains.
         """
-        before, after, is_within = _compare_halves(self._sizes.errors, self._errors.errors)
+        before, after, is_within = _compare_halves(self._sizes, self._errors.errors)
         is_decreasing = after < 1.0 or after < MIN_PROGRESS * before
         return is_within or is_decreasing or len(self._images) < 2, is_within
+
+    @property
+    def _sizes(self) -> np.ndarray:
+        """Return the sizes (m,) of the errors of all images, in units of the tolerance."""
+        if 0 < len(self._errors) == len(self._images):
+            return self._errors.errors[:, -1]
+        return np.array([image.error_size for image in self._images])
 
     @property
     def settled_time(self) -> float:
@@ -180,7 +186,7 @@ class ProgressCheck:
         return self._noise
 
     def _estimate_noise(self) -> float:
-        errors = self._errors.errors
+        errors = self._errors.errors[:, :-1]
         if len(errors) != len(self._images) or len(errors) < 10:
             return 0.0
         scatter = errors.std(axis=0)
@@ -199,7 +205,7 @@ class ProgressCheck:
 
         The unit is the tolerance.
         """
-        sizes = self._sizes.errors[:, 0] if len(self._images) else np.zeros(0)
+        sizes = self._sizes
         half = len(sizes) // 2
         before, after = (
             float(part.mean()) if len(part) else 0.0 for part in (sizes[:half], sizes[half:])
@@ -284,7 +290,7 @@ class ProgressCheck:
             return ""
         scale = np.repeat((last.depth, 1.0), 3)
         inverse = np.linalg.pinv(L * scale / last.tolerances[:, None], rcond=1e-6)
-        pose = (self._errors.errors @ inverse.T * scale).std(axis=0)
+        pose = (self._errors.errors[:, :-1] @ inverse.T * scale).std(axis=0)
         distance, angle = 1e3 * np.linalg.norm(pose[:3]), np.degrees(np.linalg.norm(pose[3:]))
         return (
             f": one image determines the camera's pose to {distance:.2g} mm and "
@@ -292,13 +298,13 @@ class ProgressCheck:
         )
 
 
-@jit("f8[:,:], f8[:,:]", allocates=False)
+@jit("f8[:], f8[:,:]", allocates=False)
 def _compare_halves(sizes, errors):
     """Compare the errors in the second half of m images with those in the first half.
 
     Args:
-        sizes: (m, 1) largest error component of each image, in units of the tolerance.
-        errors: (n, k) errors of the last n images, n <= m, in units of the tolerance.
+        sizes: (m,) largest error component of each image, in units of the tolerance.
+        errors: (n, k + 1) errors of the last n images, n <= m, and their sizes.
 
     Returns:
         The largest sizes in the first and in the second half; whether each mean error in the second
@@ -308,13 +314,13 @@ def _compare_halves(sizes, errors):
     before = after = 0.0
     for i in range(count):
         if i < half:
-            before = max(before, sizes[i, 0])
+            before = max(before, sizes[i])
         else:
-            after = max(after, sizes[i, 0])
+            after = max(after, sizes[i])
     late = count - half
     is_within = 0 < late <= len(errors)
     if is_within:
-        for k in range(errors.shape[1]):
+        for k in range(errors.shape[1] - 1):
             total = 0.0
             for i in range(len(errors) - late, len(errors)):
                 total += errors[i, k]

@@ -6,6 +6,8 @@ periodic motion of the target explains the remaining part.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from aras_visual_servo_base.compiled import jit
@@ -15,6 +17,14 @@ from ..goals.goal import Goal
 from ..observation.observation import Observation
 from ..observation.vector_history import VectorHistory
 from .feature_rows import DRIFT, ERROR, FIRST_L, IS_ANGLE, TOLERANCE, pack_features
+from .motion_fits import (
+    compute_mixed_effects,
+    fit_camera,
+    fit_columns,
+    fit_depth,
+    fit_oscillation,
+    sum_groups,
+)
 
 
 class TargetMotionCheck:
@@ -165,15 +175,13 @@ class TargetMotionCheck:
             numbers = len(rows) // size * count
             if numbers < (self.MIN_NUMBERS if size == 1 else self.MIN_SUMMED_NUMBERS):
                 return ""
-            effect, moved = _sum_groups(along, size), _sum_groups(rest_motion, size)
-            depth = _fit_depth(effect, moved)
+            effect, moved = sum_groups(along, size), sum_groups(rest_motion, size)
+            depth = fit_depth(effect, moved)
             rest = moved - max(depth, self.MIN_DEPTH_FACTOR) * effect
             square = float(rest @ rest)
             if size == 1 and square * self.ROWS_PER_SUM[-1]**2 < self.MIN_RESIDUAL[-1]**2 * numbers:
                 return ""  # too small for MIN_RESIDUAL, even if all rows are summed in groups
             if square >= min_residual**2 * numbers:
-                if np.linalg.matrix_rank(L[-1, :, :3]) < 2:
-                    return ""  # L of rank 1 does not determine the target's motion
                 return self._explain_motion(L, effect, moved, size, square)
         return ""
 
@@ -189,36 +197,74 @@ class TargetMotionCheck:
             size: number of rows in each group.
             residual: squared motion of the features that the camera's motion does not explain.
         """
-        motion = self._rows.errors[:, -23:-17]
-        columns = np.column_stack([effect, _sum_groups(self._compute_drifts(L), size)])
-        camera_residual = np.inf
-        motion_part = float(moved @ moved) / max(float(effect @ effect), 1e-12)
-        if (
-            _fit_depth(effect, moved) > self.MIN_DEPTH_FACTOR
-            or self.MIN_MOTION_PART < motion_part < 1.0 / self.MIN_MOTION_PART
-        ):
-            camera_residual = _fit_camera(
-                _sum_groups(_compute_mixed_effects(L, motion), size),
-                _sum_groups(self._rows.errors[:, : L.shape[1]], size), self.MIN_CAMERA_FACTOR,
-            )  # fmt: skip
-        self.has_camera_explanation = camera_residual < self.CAMERA_EXPLAINS_PART * residual
-        bound = min(self.MAX_RESIDUAL_PART * residual, self.MAX_CAMERA_PART * camera_residual)
+        columns = np.column_stack([effect, sum_groups(self._compute_drifts(L), size)])
+        camera_bound = None
+        for text, fitted, largest_part in self._fit_motions(columns, moved, size, L.shape[1]):
+            if fitted >= largest_part * residual:
+                continue
+            if camera_bound is None:
+                if np.linalg.matrix_rank(L[-1, :, :3]) < 2:
+                    return ""  # L of rank 1 does not determine the target's motion
+                camera = self._fit_camera(L, effect, moved, size)
+                self.has_camera_explanation = camera < self.CAMERA_EXPLAINS_PART * residual
+                camera_bound = self.MAX_CAMERA_PART * camera
+            if fitted < camera_bound:
+                return text
+        return ""
+
+    def _fit_motions(
+        self, columns: np.ndarray, moved: np.ndarray, size: int, count: int
+    ) -> Iterator[tuple[str, float, float]]:
+        """Fit motions of the target to the features' motion, the simplest first.
+
+        Args:
+            columns: (n, 7) effects of the camera's translations and of a unit twist of the target.
+            moved: (n,) measured motions minus the effect of the camera's rotations.
+            size: number of rows of the fit in each group.
+            count: number of features.
+
+        Yields:
+            Text that describes the motion; the squared residual of its fit; the largest residual
+            that is accepted, as a fraction of the residual for a target at rest.
+        """
         # If the camera follows its target at constant speed, the features do not move. The fit must
         # then find the velocity of the target and not a depth factor of 0. Therefore its first
         # column fits only the deviation of the depth factor from 1, which is kept small by
         # regularisation.
-        constant, velocity = _fit_columns(columns[:, :4], moved - effect)
-        if constant < bound:
-            return f"it moves at {1e3 * float(np.linalg.norm(velocity[1:])):.1f} mm/s"
+        constant, velocity = fit_columns(columns[:, :4], moved - columns[:, 0])
+        speed = 1e3 * float(np.linalg.norm(velocity[1:]))
+        yield f"it moves at {speed:.1f} mm/s", constant, self.MAX_RESIDUAL_PART
         # Large groups give few sums, which change smoothly. A rotation or an oscillation may
         # explain half of them by chance, so a smaller residual is required for larger groups.
-        bound = min(self.MAX_RESIDUAL_PART / size**2 * residual, bound)
+        largest_part = self.MAX_RESIDUAL_PART / size**2
         # With fewer than six feature values per image, a rotation cannot be distinguished from a
         # translation.
-        columns = columns if L.shape[1] >= 6 else columns[:, :4]
-        if _fit_columns(columns, moved)[0] < bound:
-            return "it rotates"
-        return self._find_oscillation(columns, moved, size, bound)
+        columns = columns if count >= 6 else columns[:, :4]
+        yield "it rotates", fit_columns(columns, moved)[0], largest_part
+        stamps = sum_groups(self._rows.stamps, size) / size
+        stamps = stamps - stamps[0]
+        if stamps[-1] >= self.MIN_OSCILLATION_SPAN:
+            frequency, residual = fit_oscillation(stamps, columns, moved, self.MAX_FREQUENCY)
+            yield f"it oscillates at {frequency:.2f} Hz", residual, largest_part
+
+    def _fit_camera(
+        self, L: np.ndarray, effect: np.ndarray, moved: np.ndarray, size: int
+    ) -> float:
+        """Return the squared motion of the features that a wrong camera model does not explain.
+
+        Return inf if the camera follows a moving target, so that no camera model is fitted. See
+        `_explain_motion` for the arguments.
+        """
+        rows = self._rows.errors
+        motion_part = float(moved @ moved) / max(float(effect @ effect), 1e-12)
+        if fit_depth(effect, moved) <= self.MIN_DEPTH_FACTOR and not (
+            self.MIN_MOTION_PART < motion_part < 1.0 / self.MIN_MOTION_PART
+        ):
+            return np.inf
+        return fit_camera(
+            sum_groups(compute_mixed_effects(L, rows[:, -23:-17]), size),
+            sum_groups(rows[:, : L.shape[1]], size), self.MIN_CAMERA_FACTOR,
+        )  # fmt: skip
 
     def _compute_drifts(self, L: np.ndarray) -> np.ndarray:
         """Return the feature motions (m, k, 6) due to each component of a unit twist of the target.
@@ -232,37 +278,6 @@ class TargetMotionCheck:
         along, about = L[:, :, :3] @ camera_R_world, L[:, :, 3:] @ camera_R_world
         turned = np.cross(along, pose[:, None, :3, 3] - self._origin)
         return -duration[:, None, None] * np.concatenate([along, about - turned], axis=2)
-
-    def _find_oscillation(
-        self, columns: np.ndarray, moved: np.ndarray, size: int, bound: float
-    ) -> str:
-        """Describe the oscillation whose residual is below the bound; empty text if there is none.
-
-        Args:
-            columns: (n, m) effects of a wrong depth and of a constant twist of the target.
-            moved: (n,) motion of the features that is to be explained.
-            size: number of rows of the fit in each group.
-            bound: upper bound of the squared residual.
-        """
-        stamps = _sum_groups(self._rows.stamps, size) / size
-        span = stamps[-1] - stamps[0]
-        if span < self.MIN_OSCILLATION_SPAN:
-            return ""
-        # The effects of a wrong depth and of a constant twist are the same at all frequencies. They
-        # are therefore subtracted from the motion before oscillations are fitted.
-        base = np.linalg.qr(columns)[0]
-        moved = moved - base @ (base.T @ moved)
-        frequencies = np.arange(1.0 / span, self.MAX_FREQUENCY, 0.25 / span)
-        phase = np.outer(2.0 * np.pi * frequencies, stamps - stamps[0])
-        # for each frequency (first axis), the effects (n, 6) of a cosine and of a sine wave
-        waves = np.concatenate([
-            np.repeat(wave, len(moved) // len(stamps), axis=1)[:, :, None] * columns[:, 1:4]
-            for wave in (np.cos(phase), np.sin(phase))
-        ], axis=2)  # fmt: skip
-        residuals, _ = _fit_columns(waves - base @ (base.T @ waves), moved)
-        best = int(residuals.argmin())
-        return f"it oscillates at {frequencies[best]:.2f} Hz" if residuals[best] < bound else ""
-
 
 def compute_centre(observation: Observation, goal: Goal) -> tuple[np.ndarray, np.ndarray]:
     """Compute the target's centre from its moments, with its interaction matrix.
@@ -305,74 +320,3 @@ def _add_step(before, now, dt, sums):
             mean = before[i, FIRST_L + j] / tolerance_before + now[i, FIRST_L + j] / tolerance
             sums[i, 1 + j] += 0.5 * mean
     return wrapped
-
-
-def _sum_groups(values: np.ndarray, size: int) -> np.ndarray:
-    """Sum values (m, ...) over groups of `size` successive rows, the last row included.
-
-    The first two axes of the sums are joined to one.
-    """
-    count = len(values) // size * size
-    sums = values[len(values) - count :].reshape(-1, size, *values.shape[1:]).sum(axis=1)
-    return sums.reshape(-1, *sums.shape[2:])
-
-
-def _fit_depth(effect: np.ndarray, moved: np.ndarray) -> float:
-    """Return the factor on the effect (n,) of the translations that best explains a motion (n,)."""
-    square = float(effect @ effect)
-    return effect @ moved / square if square > 0.0 else 1.0
-
-
-def _compute_mixed_effects(L: np.ndarray, motion: np.ndarray) -> np.ndarray:
-    """Return the feature motions (m, k, 18) due to camera motions along wrong axes.
-
-    There is a column for each of the nine pairs of axes: the feature motion if the camera's
-    translation along the first axis acted along the second axis. Nine more columns are for
-    rotations.
-
-    Args:
-        L: (m, k, 6) interaction matrix of each row of the fit.
-        motion: (m, 6) motion of the camera in each row.
-    """
-    effects = [
-        L[:, :, part, None] * motion[:, None, None, part] for part in (slice(0, 3), slice(3, 6))
-    ]
-    return np.concatenate([effect.reshape(*L.shape[:2], 9) for effect in effects], axis=2)
-
-
-def _fit_camera(columns: np.ndarray, feature_motion: np.ndarray, min_factor: float) -> float:
-    """Return the squared motion of the features that a wrong camera model does not explain.
-
-    With a wrong camera model, a camera motion along one axis may act along any other axis. Such a
-    motion has to move the features at least `min_factor` times as far as predicted. If the features
-    move less, the camera follows a moving target.
-
-    Args:
-        columns: (n, 18) effects of the camera's motion, see `_compute_mixed_effects`.
-        feature_motion: (n,) measured motion of the features.
-        min_factor: smallest accepted ratio of the fitted to the predicted effect of a translation
-            or a rotation about any axis.
-    """
-    identity = np.vstack([np.eye(3)] * 2).ravel()
-    _, factors = _fit_columns(columns, feature_motion - columns @ identity)
-    U, scale, Vt = np.linalg.svd((identity + factors).reshape(2, 3, 3))
-    mixing = U * np.maximum(scale, min_factor)[:, None, :] @ Vt
-    residual = feature_motion - columns @ mixing.ravel()
-    return float(residual @ residual)
-
-
-def _fit_columns(columns: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Fit values (n,) by linear combinations of columns (..., n, m) in the least-squares sense.
-
-    Returns:
-        The squared residuals (...), and the factors (..., m) of the columns.
-    """
-    # A small regularisation makes the least-squares solution unique if two columns are almost
-    # equal.
-    rows = columns.swapaxes(-1, -2)
-    normal = rows @ columns
-    traces = np.trace(normal, axis1=-2, axis2=-1)[..., None, None]
-    normal += (1e-9 * traces + 1e-300) * np.eye(normal.shape[-1])
-    factors = np.linalg.solve(normal, rows @ values[:, None])
-    rest = values - (columns @ factors)[..., 0]
-    return (rest**2).sum(axis=-1), factors[..., 0]

@@ -8,6 +8,7 @@ do not measure, this motion is not a fault: it adds to the uncertainty of the ar
 from __future__ import annotations
 
 from collections import deque
+from functools import cached_property
 from math import log
 from typing import TYPE_CHECKING
 
@@ -57,8 +58,8 @@ class ViewCheck:
         # each camera measured in the image.
         self._pending_views: deque[tuple[float, list[Moments | None]]] = deque(maxlen=MAX_WINDOW)
         self._goal: Goal | None = None
-        self._expected_place: _ExpectedPlace | None = None
-        self._names: list[str] = []  # names of the cameras; empty if there is only one camera
+        self._names: tuple[str, ...] = ()  # names of the cameras; empty if there is only one camera
+        self.clear()
 
     def __len__(self) -> int:
         """Return the number of averaged images."""
@@ -68,25 +69,30 @@ class ViewCheck:
         """Remove all images."""
         self._views.clear()
         self._pending_views.clear()
-        self._goal = self._expected_place = None
-        self._names = []
+        # Result of `_average_views`, and limits of `compare_place`; None until they are computed.
+        self._average: tuple[np.ndarray, np.ndarray] | None = None
+        self._expected_place: _ExpectedPlace | None = None
 
     def add(self, observation: Observation, goal: Goal) -> None:
         """Add one image."""
-        self._goal = goal
+        names = tuple(observation.cameras) if observation.other_cameras else ()
+        if goal is not self._goal or names != self._names:
+            self._goal, self._names = goal, names
+            goals = [goal.cameras.get(name, goal) for name in names] or [goal]
+            # A camera without a goal is compared with the goal of the first camera.
+            self._goal_views = [_GoalView(one) for one in goals]
         moments = [view.moments for view in (observation, *observation.other_cameras.values())]
-        self._names = list(observation.other_cameras) and list(observation.cameras)
         self._pending_views.append((observation.stamp, moments))
 
     def retain(self, count: int) -> None:
         """Compare the new images with the goal, and remove all but the latest `count` images."""
+        if self._pending_views or len(self._views) > count:
+            self._average = None
         while len(self._pending_views) > count:
             self._pending_views.popleft()
         for stamp, views in self._pending_views:
-            goals = _list_goals(self._goal, self._names)
             self._views.add(stamp, np.concatenate([
-                _compute_difference(moments, own.moments) for moments,
-                own in zip(views, goals, strict=True)
+                goal.compare(moments) for moments, goal in zip(views, self._goal_views, strict=True)
             ]))  # fmt: skip
         self._pending_views.clear()
         self._views.drop_oldest(max(len(self._views) - count, 0))
@@ -104,15 +110,14 @@ class ViewCheck:
                 scaled in the same way.
             depth: depth of the target at the goal, m.
         """
-        rows = [
-            _compute_place_interaction(goal) if view.twist_from_control is None else
-            _compute_place_interaction(goal) @ view.twist_from_control
-            for view, goal in zip((observation, *observation.other_cameras.values()),
-                                 _list_goals(self._goal, self._names), strict=True)
-        ]  # fmt: skip
-        self._expected_place = _ExpectedPlace(np.vstack(rows) / ([1.0] * 3 + [depth] * 3), L,
-            covariance,
-                                   depth)  # fmt: skip
+        views = (observation, *observation.other_cameras.values())
+        rows = np.vstack([
+            view.transform_to_control(goal.place_interaction)
+            for view, goal in zip(views, self._goal_views, strict=True)
+        ])  # fmt: skip
+        self._expected_place = _ExpectedPlace(
+            rows / ([1.0] * 3 + [depth] * 3), L, covariance, depth
+        )
 
     def has_other_shape(self, is_turned: bool = False) -> bool:
         """Return whether the outline of the target differs from the goal's by more than noise.
@@ -127,10 +132,7 @@ class ViewCheck:
         mean, unknown = (part[:, :SHAPE_NUMBERS] for part in self._average_views())
         differs = np.abs(mean) > 1.0 + unknown
         if is_turned and self._goal.moments is not None:
-            turned = (
-                mean[:, 3:]
-                + 2.0 * _normalise_moments(self._goal.moments, 3) / THIRD_ORDER_TOLERANCE
-            )
+            turned = mean[:, 3:] + 2.0 * self._goal_views[0].third_order / THIRD_ORDER_TOLERANCE
             differs[:, 3:] &= (np.abs(turned) > 1.0 + unknown[:, 3:]).any()
         return bool(differs.any())
 
@@ -157,11 +159,70 @@ class ViewCheck:
 
         The noise (c, 10) is NOISE_DEVIATIONS standard deviations of the mean.
         """
-        rows = self._views.errors
-        mean = rows.sum(axis=0) / len(rows)
-        deviation = np.sqrt(((rows - mean) ** 2).sum(axis=0)) / len(rows)
-        numbers = SHAPE_NUMBERS + len(PLACE_FEATURES)
-        return mean.reshape(-1, numbers), NOISE_DEVIATIONS * deviation.reshape(-1, numbers)
+        if self._average is None:
+            rows = self._views.errors
+            mean = rows.sum(axis=0) / len(rows)
+            deviation = NOISE_DEVIATIONS * (np.sqrt(((rows - mean) ** 2).sum(axis=0)) / len(rows))
+            numbers = SHAPE_NUMBERS + len(PLACE_FEATURES)
+            self._average = mean.reshape(-1, numbers), deviation.reshape(-1, numbers)
+        return self._average
+
+
+class _GoalView:
+    """Desired view of the target by one camera."""
+
+    def __init__(self, goal: Goal) -> None:
+        self._goal = goal
+
+    @cached_property
+    def second_order(self) -> np.ndarray:
+        """Scale-free central moments (3,) of second order."""
+        return _normalise_moments(self._goal.moments, 2)
+
+    @cached_property
+    def third_order(self) -> np.ndarray:
+        """Scale-free central moments (4,) of third order."""
+        return _normalise_moments(self._goal.moments, 3)
+
+    def compare(self, measured: Moments | None) -> np.ndarray:
+        """Return the difference (10,) between a view and the goal.
+
+        The ten values are the differences of the seven second- and third-order central moments of
+        the outline, in units of the tolerance, of the target's centre (normalised) and of the
+        logarithm of its size. Return zeros if view and goal cannot be compared.
+        """
+        difference, desired = np.zeros(SHAPE_NUMBERS + len(PLACE_FEATURES)), self._goal.moments
+        if measured is None or desired is None:
+            return difference
+        if measured.kind != desired.kind or desired.m00 <= 0.0:
+            return difference
+        # All second-order moments are divided by the largest one, because the mixed moment mu11 can
+        # be small.
+        scale = SECOND_ORDER_TOLERANCE * max(self.second_order.tolist())
+        difference[:3] = (_normalise_moments(measured, 2) - self.second_order) / scale
+        difference[3:SHAPE_NUMBERS] = (
+            _normalise_moments(measured, 3) - self.third_order
+        ) / THIRD_ORDER_TOLERANCE
+        difference[SHAPE_NUMBERS:] = (
+            measured.xg - desired.xg,
+            measured.yg - desired.yg,
+            0.5 * log(measured.area / desired.area),
+        )
+        return difference
+
+    @cached_property
+    def place_interaction(self) -> np.ndarray:
+        """L (3, 6) of the target's centre and the logarithm of its size at the goal."""
+        moments = self._goal.moments
+        if moments is None:
+            return np.zeros((len(PLACE_FEATURES), 6))
+        plane = self._goal.plane or Plane.fronto_parallel(self._goal.distance)
+        try:
+            L = np.array(camera_features.compute_moment_features(moments, PLACE_FEATURES, plane).L)
+        except VisionError:  # the goal's moments are of too low an order
+            return np.zeros((len(PLACE_FEATURES), 6))
+        L[2] /= 2.0 * moments.area
+        return L
 
 
 class _ExpectedPlace:
@@ -209,34 +270,6 @@ class _ExpectedPlace:
         ), motion
 
 
-def _list_goals(goal: Goal, cameras: list[str]) -> list[Goal]:
-    """Return the goal of each camera; a camera without a goal gets the first camera's."""
-    return [goal.cameras.get(name, goal) for name in cameras] or [goal]
-
-
-def _compute_difference(measured: Moments | None, desired: Moments | None) -> np.ndarray:
-    """Return the difference (10,) between a view and the goal.
-
-    The ten values are the differences of the seven second- and third-order central moments of the
-    outline, in units of the tolerance, of the target's centre (normalised) and of the logarithm of
-    its size. Return zeros if view and goal cannot be compared.
-    """
-    if measured is None or desired is None or measured.kind != desired.kind or desired.m00 <= 0.0:
-        return np.zeros(SHAPE_NUMBERS + len(PLACE_FEATURES))
-    desired_second = _normalise_moments(desired, 2)
-    second = _normalise_moments(measured, 2) - desired_second
-    third = _normalise_moments(measured, 3) - _normalise_moments(desired, 3)
-    place = (
-        measured.xg - desired.xg,
-        measured.yg - desired.yg,
-        0.5 * log(measured.area / desired.area),
-    )
-    # All second-order moments are divided by the largest one, because the mixed moment mu11 can be
-    # small.
-    second /= SECOND_ORDER_TOLERANCE * max(desired_second.tolist())
-    return np.concatenate((second, third / THIRD_ORDER_TOLERANCE, place))
-
-
 def _normalise_moments(moments: Moments, order: int) -> np.ndarray:
     """Return the scale-free central moments (order + 1,) of one order."""
     moments.mu(order, 0)  # raises an error if the order of the moments is too low
@@ -244,17 +277,3 @@ def _normalise_moments(moments: Moments, order: int) -> np.ndarray:
     # The moments (order, 0), (order - 1, 1), ... are on an anti-diagonal of the array `centred`.
     # Reversing the order of the rows makes it a diagonal.
     return moments.centred[order::-1, : order + 1].diagonal() / scale
-
-
-def _compute_place_interaction(goal: Goal) -> np.ndarray:
-    """Return L (3, 6) of the target's centre and the logarithm of its size at the goal."""
-    moments = goal.moments
-    if moments is None:
-        return np.zeros((len(PLACE_FEATURES), 6))
-    plane = goal.plane or Plane.fronto_parallel(goal.distance)
-    try:
-        L = np.array(camera_features.compute_moment_features(moments, PLACE_FEATURES, plane).L)
-    except VisionError:  # the goal's moments are of too low an order
-        return np.zeros((len(PLACE_FEATURES), 6))
-    L[2] /= 2.0 * moments.area
-    return L

@@ -15,6 +15,7 @@ from aras_visual_servo_controller.diagnosis.camera_offset import (
     compute_mean_offset,
     compute_speed,
 )
+from aras_visual_servo_controller.diagnosis.goal_plane import GoalPlane
 from aras_visual_servo_controller.diagnosis.offset_statistics import (
     compute_confidence_length,
     compute_unexplained_ratio,
@@ -339,7 +340,7 @@ def test_what_is_left_open_is_what_the_inverse_of_L_makes_of_it(seed, rows, mode
     decision = an_output(error, L, modelled, residual=error if seed else None)
     held_offset, directions = split_directions(here, goal, modelled, arm)
     left = ArrivalMargin(
-        decision, here, goal, directions, other if seed else error, accuracy
+        decision, GoalPlane(goal, camera), directions, other if seed else error, accuracy
     ).bound_uncertainty(here, held_offset, offsets)
 
     scale, held = np.array([1.0] * 3 + [depth] * 3), np.zeros(6)

@@ -47,6 +47,10 @@ class AreaCheck:
     def __init__(self, goal: Goal | None) -> None:
         """Create the check for the goal of a run; None if no image will be added."""
         self.goal = goal
+        # Area of a small patch of the target in the image at the goal; 0 if it is unknown.
+        self._goal_patch = 0.0
+        if goal is not None and goal.plane is not None and goal.moments is not None:
+            self._goal_patch = _compute_patch_area(goal.plane, goal.moments)
         self.occluded_since: float | None = None
         self.next_region: tuple[tuple[float, float], tuple[float, float]] | None = None
         # Predicted squared distance of the camera from the target in the last image, relative to
@@ -131,11 +135,10 @@ class AreaCheck:
         d / Z^3 times the area of the patch. Both d and Z follow from the estimated plane. Without a
         plane, the area is assumed to be inversely proportional to the squared distance.
         """
-        goal, plane = self.goal, observation.plane
-        if plane is None or goal.plane is None:
-            return predict_distance(observation.world_T_camera, goal) ** -2
-        here = _compute_patch_area(plane, observation.moments)
-        return max(here / _compute_patch_area(goal.plane, goal.moments), 1e-9)
+        if observation.plane is None or not self._goal_patch:
+            return predict_distance(observation.world_T_camera, self.goal) ** -2
+        here = _compute_patch_area(observation.plane, observation.moments)
+        return max(here / self._goal_patch, 1e-9)
 
 
 def _compute_patch_area(plane: Plane, moments: Moments) -> float:

@@ -20,6 +20,7 @@ from .camera_offset import (
     compute_observable,
     compute_offset,
 )
+from .goal_plane import GoalPlane
 from .pose_uncertainty import ArrivalMargin, bound_symmetry, split_directions
 from .view_check import MIN_VIEWS, ViewCheck
 
@@ -69,6 +70,7 @@ class ArrivalCheck:
             ViewCheck(),
         )
         self._ambiguous_poses: AmbiguousPoses | None = None
+        self._goal_plane: GoalPlane | None = None
         self.clear()
 
     def clear(self) -> None:
@@ -200,16 +202,18 @@ class ArrivalCheck:
         # The accuracy is estimated from the same images as the offset, so that both belong to the
         # same distance from the goal.
         latest = self._errors.errors[-max(offsets.count, MIN_VIEWS) :]
-        self._margin = ArrivalMargin(
-            scheme_output, observation, goal, free, latest.mean(axis=0),
-            scheme.accuracy(observation, goal), latest.std(axis=0) / np.sqrt(len(latest)),
-            offsets.scatter,
-        )  # fmt: skip
-        if self._ambiguous_poses is None or self._ambiguous_poses.goal is not goal:
+        poses, plane = self._ambiguous_poses, self._goal_plane
+        if poses is None or poses.goal is not goal:
             from .ambiguous_poses import AmbiguousPoses
 
-            self._ambiguous_poses = AmbiguousPoses(goal)
-        self._other_pose, self._possible_poses = self._ambiguous_poses.find_pose(observation)
+            self._ambiguous_poses = poses = AmbiguousPoses(goal)
+        if plane is None or plane.goal is not goal or plane.camera is not observation.camera:
+            self._goal_plane = plane = GoalPlane(goal, observation.camera)
+        self._margin = ArrivalMargin(
+            scheme_output, plane, free, latest.mean(axis=0), scheme.accuracy(observation, goal),
+            latest.std(axis=0) / np.sqrt(len(latest)), offsets.scatter,
+        )  # fmt: skip
+        self._other_pose, self._possible_poses = poses.find_pose(observation)
         # If the scheme has a residual (error of a whole image), L describes the residual and not
         # the features.
         if scheme_output.residual is None:

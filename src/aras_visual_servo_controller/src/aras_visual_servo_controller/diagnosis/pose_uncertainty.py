@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from aras_visual_servo_base.poses import pose_difference, skew
+from aras_visual_servo_base.poses import pose_difference
 from aras_visual_servo_camera.interaction import Plane
 
 from ..goals.goal import DEFAULT_DEPTH
@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from ..observation.observation import Observation
     from ..schemes.base import SchemeOutput
     from .ambiguous_poses import AmbiguousPose
+    from .goal_plane import GoalPlane
 
 # If the uncertainty of the camera's pose is below this, 'converged' is reported without the
 # uncertainty. Translation as a fraction of the target's depth (0.3 mm at 0.2 m), rotation in rad.
@@ -79,9 +80,6 @@ MAX_RESIDUAL_ROWS = 64
 # A direction of camera motion is measured poorly if its singular value of L is below this fraction
 # of the largest one.
 WEAK_DIRECTION = 0.05
-# When an offset is computed from the change of the target's plane, camera motions are ignored if
-# they change the plane by less than this fraction of the most effective motion.
-MIN_PLANE_CHANGE = 0.05
 NO_OFFSET, IDENTITY = np.zeros(6), np.eye(6)
 USE_LARGER_TARGET = suggest_larger_target(1.5)
 ADD_FEATURE = Remedy("if the exact pose matters, add a feature that measures these motions")
@@ -102,8 +100,7 @@ class ArrivalMargin:
     def __init__(
         self,
         scheme_output: SchemeOutput,
-        observation: Observation,
-        goal: Goal,
+        goal_plane: GoalPlane,
         free: np.ndarray,
         error: np.ndarray,
         accuracy: np.ndarray | float | None,
@@ -114,15 +111,15 @@ class ArrivalMargin:
 
         Args:
             scheme_output: measurement and task of the image.
-            observation: observation of the image.
-            goal: goal of the run.
+            goal_plane: goal of the run with the target's plane.
             free: (f, 6) camera directions that the task controls, see `split_directions`.
             error: (k,) mean error of the last images.
             accuracy: accuracy of the features that are the rows of L, see `Feature.accuracy`.
             noise: (k,) standard deviation of each component of the mean error.
             scatter: (6, 6) covariance of the offset of a single image, m and rad.
         """
-        self._goal, self._ambiguity = goal, scheme_output.ambiguity
+        goal, self._goal_plane = goal_plane.goal, goal_plane
+        self._ambiguity = scheme_output.ambiguity
         self._symmetry_bound = bound_symmetry(scheme_output.ambiguity, goal)
         self._systematic_part = 0.0 if accuracy is None else SYSTEMATIC_PART
         self._depth = depth = goal.distance
@@ -141,9 +138,9 @@ class ArrivalMargin:
             Q, L = np.linalg.qr(L)
             accuracy = None if accuracy is None else Q.T @ accuracy
         u, s, vt = np.linalg.svd(L @ free.T)
-        s = np.append(s, np.zeros(len(vt) - len(s)))
+        if len(s) < len(vt):
+            s = np.append(s, np.zeros(len(vt) - len(s)))
         is_measured = s > RANK_TOLERANCE * s[0]
-        spread = np.zeros((len(vt), 0))
         if accuracy is not None:
             spread = (u.T @ accuracy)[: len(s)]
             spread = np.vstack([spread, np.zeros((len(s) - len(spread), spread.shape[1]))])
@@ -155,20 +152,16 @@ class ArrivalMargin:
         inverse = np.divide(1.0, s, out=np.zeros_like(s), where=is_measured)
         # `out` (6, f) maps U^T e to an offset of the camera, where L = U S V^T.
         out = free.T @ vt.T * inverse
-        spread = out @ spread
-        # The factor 2 accounts for the goal, which was measured with the same accuracy.
-        self._measurement_covariance = 2.0 * TAIL_FACTOR**2 * spread @ spread.T
+        self._measurement_covariance = np.zeros((6, 6))
+        if accuracy is not None:
+            spread = out @ spread
+            # The factor 2 accounts for the goal, which was measured with the same accuracy.
+            self._measurement_covariance = 2.0 * TAIL_FACTOR**2 * spread @ spread.T
         rows = min(len(L), len(s))
         self._coupling = np.eye(6) - out[:, :rows] @ u.T[:rows] @ L
         self._unseen_directions = along[~is_measured]
-        # The target's plane by kinematics is compared with the goal's. If the goal was taught with
-        # the present camera, the target may have been moved since teaching. Then only the direction
-        # of the plane's normal is compared, for camera directions that the features measure poorly.
-        self._is_goal_camera = goal.camera is not None and goal.camera == observation.camera
+        self._poor_directions = along[is_measured & (s < WEAK_DIRECTION * s[0])]
         self._plane_offset: tuple[float, float] | None = None
-        self._doubtful_directions = (
-            along[is_measured & (s < WEAK_DIRECTION * s[0])] if self._is_goal_camera else IDENTITY
-        )
 
     @property
     def has_unseen_directions(self) -> bool:
@@ -220,12 +213,14 @@ class ArrivalMargin:
             # The offset due to the plane is computed once, because the camera is at rest after its
             # arrival.
             if self._plane_offset is None:
-                offset = self.compute_offset(held_offset, offsets.mean)
-                self._plane_offset = self._compute_plane_offset(observation, offset)
+                self._plane_offset = self._goal_plane.compute_offset(
+                    observation.world_T_camera,
+                    self.compute_offset(held_offset, offsets.mean), self._poor_directions,
+                )  # fmt: skip
             plane_distance, plane_angle = self._plane_offset
             if plane_distance > distance or plane_angle > angle:
                 plane_distance, plane_angle = pose_difference(
-                    self._goal.world_T_camera, observation.world_T_camera
+                    self._goal_plane.goal.world_T_camera, observation.world_T_camera
                 )
                 distance, angle = distance + plane_distance, min(angle + plane_angle, pi)
                 cause, remedy = PLANE_REASON, CHECK_CALIBRATION
@@ -270,38 +265,6 @@ class ArrivalMargin:
         """
         scatter = self._scale[:, None] * offsets.scatter * self._scale
         return self._compute_scatter_part(offsets) * scatter + self._measurement_covariance
-
-    def _compute_plane_offset(
-        self, observation: Observation, offset: np.ndarray
-    ) -> tuple[float, float]:
-        """Compute how far the camera is from its goal according to the plane of the target.
-
-        Kinematics predict the target's plane p in the camera frame. The result is the camera motion
-        that explains, in addition to `offset`, how p differs from the plane at the goal. A camera
-        motion v, w changes p by (p . v) p + p x w, and its normal n by n x w. If the goal was
-        taught with this camera, only directions that the features measure poorly are evaluated.
-
-        Args:
-            observation: observation with the camera's pose.
-            offset: (6,) offset of the camera from the goal by features, in m (rotations times the
-                target's depth).
-
-        Returns:
-            Distance, m, and angle, rad.
-        """
-        plane, pose = self._goal.plane, observation.world_T_camera
-        now = None if pose is None else self._goal.compute_plane(pose)
-        if now is None or not len(self._doubtful_directions):
-            return 0.0, 0.0
-        p, now = self._depth * np.array(plane), self._depth * np.array(now)
-        moves = np.outer(p, p)
-        if self._is_goal_camera:
-            p, now, moves = p / np.linalg.norm(p), now / np.linalg.norm(now), np.zeros((3, 3))
-        changes = np.hstack([moves, skew(p)]) / self._depth
-        rest = now - p - changes @ offset
-        by_motion = changes @ self._doubtful_directions.T
-        motion = np.linalg.pinv(by_motion, MIN_PLANE_CHANGE) @ rest @ self._doubtful_directions
-        return float(np.linalg.norm(motion[:3])), float(np.linalg.norm(motion[3:])) / self._depth
 
     def _compute_scatter_part(self, offsets: PoseOffsets) -> float:
         """Return the ratio of the variance of the mean offset to that of one image's offset."""

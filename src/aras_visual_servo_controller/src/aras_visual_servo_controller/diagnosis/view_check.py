@@ -69,6 +69,8 @@ class ViewCheck:
         """Remove all images."""
         self._views.clear()
         self._pending_views.clear()
+        # Arguments of `set_expected_place`.
+        self._expectation: tuple[Observation, np.ndarray, np.ndarray, float] | None = None
         # Result of `_average_views`, and limits of `compare_place`; None until they are computed.
         self._average: tuple[np.ndarray, np.ndarray] | None = None
         self._expected_place: _ExpectedPlace | None = None
@@ -100,7 +102,7 @@ class ViewCheck:
     def set_expected_place(
         self, observation: Observation, L: np.ndarray, covariance: np.ndarray, depth: float
     ) -> None:
-        """Set how much the target's position and size may differ from the goal's.
+        """Set on what depends how much the target's position and size may differ from the goal's.
 
         Args:
             observation: observation of the present image.
@@ -110,14 +112,16 @@ class ViewCheck:
                 scaled in the same way.
             depth: depth of the target at the goal, m.
         """
+        self._expectation, self._expected_place = (observation, L, covariance, depth), None
+
+    def _make_expected_place(self) -> _ExpectedPlace:
+        observation, L, covariance, depth = self._expectation
         views = (observation, *observation.other_cameras.values())
         rows = np.vstack([
             view.transform_to_control(goal.place_interaction)
             for view, goal in zip(views, self._goal_views, strict=True)
         ])  # fmt: skip
-        self._expected_place = _ExpectedPlace(
-            rows / ([1.0] * 3 + [depth] * 3), L, covariance, depth
-        )
+        return _ExpectedPlace(rows / ([1.0] * 3 + [depth] * 3), L, covariance, depth)
 
     def has_other_shape(self, is_turned: bool = False) -> bool:
         """Return whether the outline of the target differs from the goal's by more than noise.
@@ -149,8 +153,10 @@ class ViewCheck:
             measure it.
         """
         self.retain(MAX_WINDOW)
-        if len(self._views) < MIN_VIEWS or self._expected_place is None:
+        if len(self._views) < MIN_VIEWS or self._expectation is None:
             return "", np.zeros(6)
+        if self._expected_place is None:
+            self._expected_place = self._make_expected_place()
         mean, unknown = (part[:, SHAPE_NUMBERS:].ravel() for part in self._average_views())
         return self._expected_place.compare(mean, unknown, offset)
 

@@ -53,12 +53,8 @@ class VectorHistory:
 
     def drop_before(self, stamp: float) -> None:
         """Remove the rows with an earlier stamp (s)."""
-        self._start += int(self._stamps[self._start : self._end].searchsorted(stamp))
-
-    def since(self, stamp: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the stamps (m,) and rows (m, k) from `stamp` (s) on, as views; see `stamps`."""
-        first = self._start + int(self._stamps[self._start : self._end].searchsorted(stamp))
-        return self._stamps[first : self._end], self._rows[first : self._end]
+        while self._start < self._end and self._stamps[self._start] < stamp:
+            self._start += 1
 
     def drop_oldest(self, count: int) -> None:
         """Remove the `count` oldest rows."""

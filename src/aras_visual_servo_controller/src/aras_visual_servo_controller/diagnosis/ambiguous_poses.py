@@ -136,11 +136,13 @@ class AmbiguousPoses:
         radius = float(np.sqrt(points.var(axis=0).sum()))
         close = min(MAX_POINT_DISTANCE, MAX_RADIUS_PART * radius)
         flat = np.column_stack([points, np.ones(len(points))])
-        affine = flat @ np.linalg.pinv(flat)  # maps points to the nearest affine image of `points`
-        for shift in range(len(points)):
-            shifted = np.roll(points, -shift, axis=0)
-            if np.abs(shifted - affine @ shifted).max() > AFFINE_TOLERANCE * radius:
-                continue
+        # The points in each cyclic order (n, n, 2), and their nearest affine images of `points`.
+        orders = np.add.outer(np.arange(len(points)), np.arange(len(points))) % len(points)
+        shifted_points = points[orders]
+        affine_images = flat @ np.linalg.pinv(flat) @ shifted_points
+        distances = np.abs(shifted_points - affine_images).max(axis=(1, 2))
+        for shift in np.flatnonzero(distances <= AFFINE_TOLERANCE * radius).tolist():
+            shifted = shifted_points[shift]
             for c_T_g in _solve_poses(goal_points, shifted):
                 # The goal and a pose that has already been found need no refinement.
                 if self._is_known(c_T_g, known):

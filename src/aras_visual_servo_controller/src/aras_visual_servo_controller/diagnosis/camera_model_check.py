@@ -13,6 +13,48 @@ from ..kinematics.task import DIRECTIONS
 from ..observation.observation import Observation
 from .feature_rows import DRIFT, ERROR, FIRST_L, IS_ANGLE, TOLERANCE
 
+# A row of the fit sums the motion of the features over successive images until the predicted
+# motion reaches this, in units of the tolerance. In a smaller sum, noise and joint friction
+# would dominate.
+MIN_ROW = 3.0
+# Largest number of images per row of the fit. If the features move by less than MIN_ROW in so
+# many images, these images are discarded, because the target itself may have moved.
+MAX_IMAGES_PER_ROW = 4
+# The fit is evaluated once the predicted motions of the features add up to this, in units of
+# the tolerance.
+MIN_PATH = 40.0
+# One factor on all translations, which accounts for a wrong depth, is fitted to the motion of
+# the features. The camera model is wrong if the residual of this fit exceeds both
+# MAX_MISFIT_PART and MIN_MISFIT.
+MAX_MISFIT_PART = 0.04  # residual as a fraction of the squared motion
+MIN_MISFIT = 1.5  # rms residual, in units of the tolerance
+# A wrong camera model is reported only if the correlation between the residuals of successive
+# rows of the fit is at least this.
+MIN_CORRELATION = 0.2
+# The scale of a camera motion (measured / predicted motion of the features) is wrong if it
+# differs from its expected value by more than MIN_DIFFERENCE plus MIN_DEVIATIONS standard
+# deviations.
+MIN_DIFFERENCE, MIN_DEVIATIONS = 0.04, 4.0
+# The scale of a translation is evaluated only if the translation alone has moved the features
+# by at least this many tolerances.
+MIN_TRANSLATION = 3.0
+# The scale of a rotation is evaluated only if the rotation alone has moved the features by at
+# least this many tolerances. The limit is larger than for a translation, because shaking joints
+# tilt the camera by angles that are not measured.
+MIN_ROTATION = 8.0
+# Lower bound of the estimated noise of a summed motion, in units of the tolerance.
+MIN_NOISE = 0.05
+# Ratio of the rms motion of the features due to shaking joints to the upper bound that
+# `_estimate_shaking` computes. It was measured in a recorded run.
+SHAKING_FACTOR = 0.3
+# Largest delay of a change of the joint speeds, as a fraction of an image period.
+LATE_PART = 0.25
+# A pair of images is used only if its motions predicted by the first L and by the second L
+# differ by less than this fraction of the motion. With larger differences, the mean of both L
+# is inaccurate: near a rotation of 180 degrees it leaves a third of the motion of moments
+# unexplained.
+MAX_L_CHANGE = 0.3
+
 
 class CameraModelCheck:
     """Check of the camera model: features must move as L and the camera's motion predict.
@@ -44,48 +86,6 @@ class CameraModelCheck:
     at two images do not explain how far the joints moved in between, the pair gets a smaller
     weight.
     """
-
-    # A row of the fit sums the motion of the features over successive images until the predicted
-    # motion reaches this, in units of the tolerance. In a smaller sum, noise and joint friction
-    # would dominate.
-    MIN_ROW = 3.0
-    # Largest number of images per row of the fit. If the features move by less than MIN_ROW in so
-    # many images, these images are discarded, because the target itself may have moved.
-    MAX_IMAGES_PER_ROW = 4
-    # The fit is evaluated once the predicted motions of the features add up to this, in units of
-    # the tolerance.
-    MIN_PATH = 40.0
-    # One factor on all translations, which accounts for a wrong depth, is fitted to the motion of
-    # the features. The camera model is wrong if the residual of this fit exceeds both
-    # MAX_MISFIT_PART and MIN_MISFIT.
-    MAX_MISFIT_PART = 0.04  # residual as a fraction of the squared motion
-    MIN_MISFIT = 1.5  # rms residual, in units of the tolerance
-    # A wrong camera model is reported only if the correlation between the residuals of successive
-    # rows of the fit is at least this.
-    MIN_CORRELATION = 0.2
-    # The scale of a camera motion (measured / predicted motion of the features) is wrong if it
-    # differs from its expected value by more than MIN_DIFFERENCE plus MIN_DEVIATIONS standard
-    # deviations.
-    MIN_DIFFERENCE, MIN_DEVIATIONS = 0.04, 4.0
-    # The scale of a translation is evaluated only if the translation alone has moved the features
-    # by at least this many tolerances.
-    MIN_TRANSLATION = 3.0
-    # The scale of a rotation is evaluated only if the rotation alone has moved the features by at
-    # least this many tolerances. The limit is larger than for a translation, because shaking joints
-    # tilt the camera by angles that are not measured.
-    MIN_ROTATION = 8.0
-    # Lower bound of the estimated noise of a summed motion, in units of the tolerance.
-    MIN_NOISE = 0.05
-    # Ratio of the rms motion of the features due to shaking joints to the upper bound that
-    # `_estimate_shaking` computes. It was measured in a recorded run.
-    SHAKING_FACTOR = 0.3
-    # Largest delay of a change of the joint speeds, as a fraction of an image period.
-    LATE_PART = 0.25
-    # A pair of images is used only if its motions predicted by the first L and by the second L
-    # differ by less than this fraction of the motion. With larger differences, the mean of both L
-    # is inaccurate: near a rotation of 180 degrees it leaves a third of the motion of moments
-    # unexplained.
-    MAX_L_CHANGE = 0.3
 
     def __init__(self, jacobian: Callable[[np.ndarray], np.ndarray] | None = None) -> None:
         """Create the check.
@@ -129,13 +129,13 @@ class CameraModelCheck:
         predicted, wrapped, L_change = _predict_motion(
             before, features, observation.motion, observation.dt, self._sums
         )
-        if wrapped or L_change > max(self.MAX_L_CHANGE * predicted, self.MIN_ROW):
+        if wrapped or L_change > max(MAX_L_CHANGE * predicted, MIN_ROW):
             self._start_row(features)
             return
         self._images.append((joints, observation.joints, features))
-        if predicted >= self.MIN_ROW:
+        if predicted >= MIN_ROW:
             self._add_row(predicted, features)
-        if predicted >= self.MIN_ROW or len(self._images) >= self.MAX_IMAGES_PER_ROW:
+        if predicted >= MIN_ROW or len(self._images) >= MAX_IMAGES_PER_ROW:
             self._start_row(features)
 
     def _start_row(self, features: np.ndarray) -> None:
@@ -154,7 +154,7 @@ class CameraModelCheck:
             predicted: largest predicted motion of a feature, in units of the tolerance.
             features: (k, 10) features of the latest image, see `feature_rows`.
         """
-        weight = 1.0 / (1.0 + self.SHAKING_FACTOR * self._estimate_shaking())
+        weight = 1.0 / (1.0 + SHAKING_FACTOR * self._estimate_shaking())
         measured = features[:, ERROR] - self._start_error - self._sums[:, 6]
         measured = weight * (measured / features[:, TOLERANCE])
         parts = weight * self._sums[:, :6]
@@ -182,7 +182,7 @@ class CameraModelCheck:
             if self._jacobian is not None and before is not None and now is not None:
                 greatest = max(greatest, _compute_unexplained(
                     before.positions, before.velocities, now.positions, now.velocities,
-                    now.stamp - before.stamp, self.LATE_PART, self._jacobian(now.positions),
+                    now.stamp - before.stamp, LATE_PART, self._jacobian(now.positions),
                     features,
                 ))  # fmt: skip
         return greatest
@@ -193,23 +193,18 @@ class CameraModelCheck:
         Return an empty text if they do not.
         """
         if self._fault is None:
-            self._fault = self._evaluate() if self._path_length > self.MIN_PATH else ""
+            self._fault = self._evaluate() if self._path_length > MIN_PATH else ""
         return self._fault
 
     def _evaluate(self) -> str:
         depth, misfit, rest, direction, other_direction, scale, other_scale = _fit_scales(
-            self._normal, self._right, self._square, self._rows,
-            self.MIN_TRANSLATION, self.MIN_ROTATION, self.MIN_DIFFERENCE, self.MIN_DEVIATIONS,
-            self.MIN_NOISE,
-        )  # fmt: skip
+            self._normal, self._right, self._square, self._rows
+        )
         text = "the features do not move as L and the arm's motion predict"
         if depth <= 0.0:
             return f"{text}: when the camera translates, they move in the opposite direction"
-        if (
-            misfit > self.MAX_MISFIT_PART
-            and rest > self.MIN_MISFIT
-            and self._is_smooth(depth, misfit)
-        ):
+        is_unexplained = misfit > MAX_MISFIT_PART and rest > MIN_MISFIT
+        if is_unexplained and self._is_smooth(depth, misfit):
             return f"{text}: {100.0 * misfit:.0f} % of the motion is not explained"
         if direction < 0:
             return ""
@@ -232,7 +227,7 @@ class CameraModelCheck:
         """
         scale = np.array([depth] * 3 + [1.0] * 3)
         product = self._next_square - scale @ self._next_right + scale @ self._next_normal @ scale
-        return bool(product > self.MIN_CORRELATION * misfit * self._square)
+        return bool(product > MIN_CORRELATION * misfit * self._square)
 
 
 @jit("f8[:,:]")
@@ -256,18 +251,8 @@ def _invert(matrix):
     return right
 
 
-@jit("f8[:,:], f8[:], f8, f8, f8, f8, f8, f8, f8")
-def _fit_scales(
-    normal,
-    right,
-    square,
-    rows,
-    min_translation,
-    min_rotation,
-    min_difference,
-    deviations,
-    min_noise,
-):
+@jit("f8[:,:], f8[:], f8, f8")
+def _fit_scales(normal, right, square, rows):
     """Fit a scale of the features' motion to each direction of the camera, and find a wrong scale.
 
     The scales of the translations are compared with each other in pairs, and the scale of each
@@ -277,8 +262,6 @@ def _fit_scales(
         normal, right: (6, 6), (6,) normal equations of the fit, `normal @ scale = right`.
         square: sum of the squared motions of the features.
         rows: number of motions in this sum.
-        min_translation, min_rotation, min_difference, deviations, min_noise: see the constants of
-            CameraModelCheck.
 
     Returns:
         Seven values. The first three belong to a fit in which all translations share one factor and
@@ -294,7 +277,7 @@ def _fit_scales(
             translation_square += normal[i, j]
             coupling += normal[i, 3 + j]
     depth = 1.0
-    if translation_square > min_translation**2:
+    if translation_square > MIN_TRANSLATION**2:
         depth = (translation_right - coupling) / translation_square
     expected, damped = np.ones(6), normal.copy()
     for i in range(6):
@@ -311,7 +294,7 @@ def _fit_scales(
         for j in range(6):
             left += scale[i] * normal[i, j] * scale[j]
             misfit += expected[i] * normal[i, j] * expected[j]
-    noise = max(np.sqrt(max(left, 0.0) / max(rows - 6.0, 1.0)), min_noise)
+    noise = max(np.sqrt(max(left, 0.0) / max(rows - 6.0, 1.0)), MIN_NOISE)
     first, second, greatest = -1, -1, 0.0
     for i in range(6):
         for j in range(i if i < 3 else 1):
@@ -323,9 +306,9 @@ def _fit_scales(
             deviation, unit = np.sqrt(variance), 1.0 if is_rotation else abs(depth)
             # Errors of the measured camera motion reduce the fitted scales by about this amount.
             bias = max(left, 0.0) * variance
-            excess = (abs(difference) - deviations * noise * deviation) / unit - bias
-            excess -= min_difference
-            min_motion = min_rotation if is_rotation else min_translation
+            excess = (abs(difference) - MIN_DEVIATIONS * noise * deviation) / unit - bias
+            excess -= MIN_DIFFERENCE
+            min_motion = MIN_ROTATION if is_rotation else MIN_TRANSLATION
             if deviation <= 1.0 / min_motion and excess > greatest:
                 first, second, greatest = i, i if is_rotation else j, excess
     if first != second and abs(scale[first] - 1.0) < abs(scale[second] - 1.0):

@@ -26,6 +26,10 @@ class GainCheck:
     """Test for an oscillating error, and for a gain that is too high for the age of the images.
 
     The age of an image is the time from its exposure until the command computed from it acts.
+
+    Attributes:
+        is_fast: whether the last oscillation is too fast to be fitted as a motion of the target,
+            see `TargetMotionCheck.MAX_FREQUENCY`.
     """
 
     def __init__(self, duration: float = np.inf) -> None:
@@ -40,7 +44,7 @@ class GainCheck:
         self._mean_age: float | None = None
         self._last_stamp: float | None = None  # stamp of the last image, s
         self._last_oscillation: tuple[float, Outcome] | None = None
-        self._is_fast = False
+        self.is_fast = False
 
     def add(
         self, stamp: float, error: np.ndarray, scheme: Scheme | JointController, age: float
@@ -64,7 +68,7 @@ class GainCheck:
         self._last_stamp = stamp
         frequency = self._oscillation.add(stamp, error)
         if frequency is not None and can_oscillate(scheme, frequency):
-            self._is_fast = frequency > TargetMotionCheck.MAX_FREQUENCY
+            self.is_fast = frequency > TargetMotionCheck.MAX_FREQUENCY
             reason = f"the error oscillates at {frequency:.2f} Hz and does not die away"
             self._last_oscillation = stamp, self._make_outcome(reason, frequency)
         return self.find_recent_oscillation(stamp)
@@ -73,13 +77,6 @@ class GainCheck:
         """Return the outcome if the error oscillated shortly before `stamp` (s), or None."""
         last = self._last_oscillation
         return last[1] if last is not None and stamp - last[0] < OSCILLATION_MEMORY else None
-
-    def is_oscillating_fast(self, stamp: float) -> bool:
-        """Return whether a recent oscillation is too fast to be fitted as a motion of the target.
-
-        The limit is `TargetMotionCheck.MAX_FREQUENCY`.
-        """
-        return self._is_fast and self.find_recent_oscillation(stamp) is not None
 
     @property
     def delay_outcome(self) -> Outcome | None:

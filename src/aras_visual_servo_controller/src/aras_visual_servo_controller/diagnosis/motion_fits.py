@@ -120,6 +120,4 @@ def _solve_normal(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Solve normal equations with a matrix (..., m, m) and a right side (..., m, 1)."""
     # A small regularisation makes the solution unique if two columns are almost equal.
     traces = np.trace(normal, axis1=-2, axis2=-1)[..., None, None]
-    return np.linalg.solve(
-        normal + (1e-9 * traces + 1e-300) * np.eye(normal.shape[-1]), right
-    )
+    return np.linalg.solve(normal + (1e-9 * traces + 1e-300) * np.eye(normal.shape[-1]), right)

@@ -8,6 +8,7 @@ do not measure, this motion is not a fault: it adds to the uncertainty of the ar
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from functools import cached_property
 from math import log
 from typing import TYPE_CHECKING
@@ -69,9 +70,7 @@ class ViewCheck:
         """Remove all images."""
         self._views.clear()
         self._pending_views.clear()
-        # Arguments of `set_expected_place`.
-        self._expectation: tuple[Observation, np.ndarray, np.ndarray, float] | None = None
-        # Result of `_average_views`, and limits of `compare_place`; None until they are computed.
+        # Result of `_average_views`; None until it is computed.
         self._average: tuple[np.ndarray, np.ndarray] | None = None
         self._expected_place: _ExpectedPlace | None = None
 
@@ -102,7 +101,7 @@ class ViewCheck:
     def set_expected_place(
         self, observation: Observation, L: np.ndarray, covariance: np.ndarray, depth: float
     ) -> None:
-        """Set on what depends how much the target's position and size may differ from the goal's.
+        """Set how much the target's position and size may differ from the goal's.
 
         Args:
             observation: observation of the present image.
@@ -112,16 +111,8 @@ class ViewCheck:
                 scaled in the same way.
             depth: depth of the target at the goal, m.
         """
-        self._expectation, self._expected_place = (observation, L, covariance, depth), None
-
-    def _make_expected_place(self) -> _ExpectedPlace:
-        observation, L, covariance, depth = self._expectation
         views = (observation, *observation.other_cameras.values())
-        rows = np.vstack([
-            view.transform_to_control(goal.place_interaction)
-            for view, goal in zip(views, self._goal_views, strict=True)
-        ])  # fmt: skip
-        return _ExpectedPlace(rows / ([1.0] * 3 + [depth] * 3), L, covariance, depth)
+        self._expected_place = _ExpectedPlace(views, self._goal_views, L, covariance, depth)
 
     def has_other_shape(self, is_turned: bool = False) -> bool:
         """Return whether the outline of the target differs from the goal's by more than noise.
@@ -153,10 +144,8 @@ class ViewCheck:
             measure it.
         """
         self.retain(MAX_WINDOW)
-        if len(self._views) < MIN_VIEWS or self._expectation is None:
+        if len(self._views) < MIN_VIEWS or self._expected_place is None:
             return "", np.zeros(6)
-        if self._expected_place is None:
-            self._expected_place = self._make_expected_place()
         mean, unknown = (part[:, SHAPE_NUMBERS:].ravel() for part in self._average_views())
         return self._expected_place.compare(mean, unknown, offset)
 
@@ -234,36 +223,51 @@ class _GoalView:
 class _ExpectedPlace:
     """Limits for differences between the target's position and size and those at the goal.
 
-    The argument `rows` (3 c, 6) is the interaction matrix of position and size for c cameras. The
-    other arguments are those of `ViewCheck.set_expected_place`.
+    They are computed when the first view is compared. The arguments are the observation and the
+    desired view of each camera, and those of `ViewCheck.set_expected_place`.
     """
 
     def __init__(
-        self, rows: np.ndarray, L: np.ndarray, covariance: np.ndarray, depth: float
+        self, views: Sequence[Observation], goals: Sequence[_GoalView], L: np.ndarray,
+        covariance: np.ndarray, depth: float,
     ) -> None:
-        self._rows, self._depth = rows, depth
-        variance = np.maximum(np.diag(rows @ covariance @ rows.T), 0.0)
-        self._limit = MAX_PLACE_DIFFERENCE + NOISE_DEVIATIONS * np.sqrt(variance)
-        _, s, vt = np.linalg.svd(L)
+        self._views, self._goals = views, goals
+        self._L, self._covariance, self._depth = L, covariance, depth
+
+    @cached_property
+    def _rows(self) -> np.ndarray:
+        """L (3 c, 6) of position and size for c cameras."""
+        return np.vstack([
+            view.transform_to_control(goal.place_interaction)
+            for view, goal in zip(self._views, self._goals, strict=True)
+        ]) / ([1.0] * 3 + [self._depth] * 3)  # fmt: skip
+
+    @cached_property
+    def _limit(self) -> np.ndarray:
+        """Limit (3 c,) of the differences, without the noise of the views."""
+        variance = np.maximum(np.diag(self._rows @ self._covariance @ self._rows.T), 0.0)
+        return MAX_PLACE_DIFFERENCE + NOISE_DEVIATIONS * np.sqrt(variance)
+
+    @cached_property
+    def _visible_motions(self) -> tuple[np.ndarray, np.ndarray]:
+        """Effects (m, 3 c) of the camera motions (m, 6) that only position and size reveal."""
+        _, s, vt = np.linalg.svd(self._L)
         s = np.append(s, np.zeros(len(vt) - len(s)))
-        unseen = vt[s * UNSEEN_MOTION * depth < 1.0]
+        unseen = vt[s * UNSEEN_MOTION * self._depth < 1.0]
         # The unmeasured directions are combined by an SVD, so that different directions have
         # independent effects on the target's position and size.
-        u, s, vt = np.linalg.svd(rows @ unseen.T, full_matrices=False)
-        is_visible = s * depth > MIN_SHOWN_PART
-        self._visible_directions, self._motions = (
-            u[:, is_visible].T,
-            (vt[is_visible] / s[is_visible, None]) @ unseen,
-        )
+        u, s, vt = np.linalg.svd(self._rows @ unseen.T, full_matrices=False)
+        is_visible = s * self._depth > MIN_SHOWN_PART
+        return u[:, is_visible].T, (vt[is_visible] / s[is_visible, None]) @ unseen
 
     def compare(
         self, mean: np.ndarray, deviation: np.ndarray, offset: np.ndarray
     ) -> tuple[str, np.ndarray]:
         """Compare the target's position and size with the goal's; see `ViewCheck.compare_place`."""
         rest, limit = mean - self._rows @ offset, self._limit + deviation
-        parts = self._visible_directions @ rest
-        explained = parts @ self._visible_directions
-        motion = parts @ self._motions
+        effects, motions = self._visible_motions
+        parts = effects @ rest
+        explained, motion = parts @ effects, parts @ motions
         if not (np.abs(explained) > limit).any():
             motion = np.zeros(6)
         rest = rest - explained

@@ -59,7 +59,9 @@ class TargetMoves(DiagnosisRule):
         evidence.oscillation = evidence.gain_check.add(
             state.stamp, evidence.error, run.scheme, record.age
         )
-        evidence.is_oscillation_fast = evidence.gain_check.is_oscillating_fast(state.stamp)
+        evidence.is_oscillation_fast = (
+            evidence.oscillation is not None and evidence.gain_check.is_fast
+        )
         if not evidence.target_motion or state.phase == CONVERGED or evidence.is_oscillation_fast:
             return None
         if evidence.target_check.has_camera_explanation and (

@@ -419,6 +419,16 @@ def test_features_that_move_on_before_a_camera_at_rest_drift():
     assert not followed(30, lambda k, told: told + 1e-3 * k).has_drift  # it never rested
 
 
+def test_the_drift_starts_again_if_the_number_of_features_changes():
+    check, still = StepCheck(), np.zeros(6)
+    for k in range(12):
+        count = 3 if k < 3 else 2
+        features = pack_features(np.full(count, 2e-3 * k), np.ones((count, 6)), 0.0, 1e-3, False)
+        check.add(features, ("x", "y", "size")[:count], an_image(k * DT, DT, still))
+        assert check.has_drift is (k >= 7)
+    assert check.feature_correlations.tolist() == [0.0, 0.0]
+
+
 @pytest.mark.parametrize("feature", range(COUNT))
 def test_a_feature_with_the_wrong_sign_moves_against_its_l(feature):
     signs = np.where(np.arange(COUNT) == feature, -1.0, 1.0)

@@ -243,3 +243,8 @@ def test_images_that_come_seldom_are_told_first(dt, kind):
 @pytest.mark.parametrize(("images", "kind"), [(1, "timed_out"), (2, "no_progress")])
 def test_one_image_alone_shows_no_lack_of_progress(images, kind):
     assert watched(STILL[:images])[0].explain_timeout("the time is over").kind == kind
+
+
+def test_without_an_image_no_joint_was_at_its_limit():
+    check = ProgressCheck()
+    assert check.saturation_outcome is None and check.is_shrinking and check.noise == 0.0

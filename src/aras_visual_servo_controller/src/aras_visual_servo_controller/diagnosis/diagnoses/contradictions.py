@@ -38,9 +38,11 @@ class FeaturesContradict(DiagnosisRule):
         )
         # The error of an angle, or of a feature without a unit, may jump by one turn; that of a
         # length cannot.
-        angles = [unit != "m" for unit in scheme.units] or True
+        is_angle = [unit != "m" for unit in scheme.units]
+        if len(is_angle) != len(tolerances):
+            is_angle = True
         evidence.features = features = pack_features(
-            output.error, output.L, output.error_drift, tolerances, angles
+            output.error, output.L, output.error_drift, tolerances, is_angle
         )
         # The L of a user-defined feature may be wrong. For such features, the target's motion is
         # computed from the target's centre instead, whose L is known.

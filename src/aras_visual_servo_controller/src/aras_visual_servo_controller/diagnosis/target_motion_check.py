@@ -26,6 +26,9 @@ from .motion_fits import (
     sum_groups,
 )
 
+# Columns of a row of the fit: motion and pose of the camera. The last column is the duration.
+MOTION, POSE = slice(-23, -17), slice(-17, -1)
+
 
 class TargetMotionCheck:
     """Fit of the features' motion over the last SPAN seconds by the motions of camera and target.
@@ -166,9 +169,9 @@ class TargetMotionCheck:
     def _describe_motion(self) -> str:
         """Describe how the target moves; empty text if it is at rest."""
         rows = self._rows.errors
-        count = (rows.shape[1] - 23) // 7
+        count = (rows.shape[1] + MOTION.start) // 7
         feature_motion, L = rows[:, :count], rows[:, count : 7 * count].reshape(-1, count, 6)
-        motion = rows[:, None, -23:-17]
+        motion = rows[:, None, MOTION]
         along = (L[:, :, :3] * motion[:, :, :3]).sum(axis=2)
         rest_motion = feature_motion - (L[:, :, 3:] * motion[:, :, 3:]).sum(axis=2)
         for size, min_residual in zip(self.ROWS_PER_SUM, self.MIN_RESIDUAL, strict=True):
@@ -262,7 +265,7 @@ class TargetMotionCheck:
         ):
             return np.inf
         return fit_camera(
-            sum_groups(compute_mixed_effects(L, rows[:, -23:-17]), size),
+            sum_groups(compute_mixed_effects(L, rows[:, MOTION]), size),
             sum_groups(rows[:, : L.shape[1]], size), self.MIN_CAMERA_FACTOR,
         )  # fmt: skip
 
@@ -273,7 +276,7 @@ class TargetMotionCheck:
         changes the image like the opposite twist of the camera. At the distance d from the
         reference point, the target's velocity is v + w x d.
         """
-        pose, duration = self._rows.errors[:, -17:-1].reshape(-1, 4, 4), self._rows.errors[:, -1]
+        pose, duration = self._rows.errors[:, POSE].reshape(-1, 4, 4), self._rows.errors[:, -1]
         camera_R_world = pose[:, :3, :3].swapaxes(1, 2)
         along, about = L[:, :, :3] @ camera_R_world, L[:, :, 3:] @ camera_R_world
         turned = np.cross(along, pose[:, None, :3, 3] - self._origin)

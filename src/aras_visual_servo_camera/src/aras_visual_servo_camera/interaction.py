@@ -99,8 +99,10 @@ def point_interaction(points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarr
         raise UnavailableFeatureError(
             f"the points have the shape {points.shape}, must have the shape (n, 2)"
         )
+    if inverse_depth.shape != (len(points),):
+        inverse_depth = np.broadcast_to(inverse_depth, len(points))
     L = np.zeros((2 * len(points), 6))
-    _write_point_interaction(points, np.broadcast_to(inverse_depth, len(points)), L)
+    _write_point_interaction(points, inverse_depth, L)
     return L
 
 

@@ -124,14 +124,12 @@ class ImagingSettings:
         except OutOfViewError:
             return None
         in_view = self.is_unbounded or cameras.is_in_view(outline, self.camera, 0.0)
-        if not in_view or self.depth_range is not None and self.is_clipped(
-            outline, target_T_camera
-        ):
+        if not in_view or self.is_clipped(outline, target_T_camera):
             return None
-        pixels = self.to_pixels(outline)
-        if self.blind_mask is not None and self.is_blind_at(pixels):
+        pixels = self.camera.project_points(outline)
+        if self.is_blind_at(pixels):
             return None
-        return pixels, self.to_pixels(points)
+        return pixels, None if points is None else self.camera.project_points(points)
 
     def is_clipped(self, outline: np.ndarray, target_T_camera: np.ndarray) -> bool:
         """Return True if the depth of a point of the outline is outside `depth_range`.
@@ -197,10 +195,6 @@ class ImagingSettings:
         if self.vibration is not None:
             camera_pose = camera_pose @ self.vibration.compute_pose(stamp_ns)
         return self.target.target_T_camera(camera_pose, stamp_ns / NANOSECONDS)
-
-    def to_pixels(self, points: np.ndarray | None) -> np.ndarray | None:
-        """Convert normalised points (n, 2) to pixels."""
-        return None if points is None else self.camera.project_points(points)
 
     def _draw_outline(
         self, outline: np.ndarray | None, target_T_camera: np.ndarray, is_occluded: bool
@@ -342,7 +336,7 @@ def _project_rolling_shutter(
     except OutOfViewError:
         return None
     outline = _interpolate_rolling_shutter(
-        np.array([imaging.to_pixels(one) for one in outlines]), bands
+        np.array([imaging.camera.project_points(one) for one in outlines]), bands
     )
     last = np.array([imaging.camera.width, imaging.camera.height]) - 1
     if not imaging.is_unbounded and not ((outline >= 0.0) & (outline <= last)).all():
@@ -354,7 +348,7 @@ def _project_rolling_shutter(
     if points[0] is None:
         return outline, None
     return outline, _interpolate_rolling_shutter(
-        np.array([imaging.to_pixels(one) for one in points]), bands
+        np.array([imaging.camera.project_points(one) for one in points]), bands
     )
 
 

@@ -100,9 +100,12 @@ class KinematicPlant(Plant):
             self._update_loop(min(self._image_ns, until_ns))
         joints_ns = self._joints_ns
         time_ns = min(joints_ns, self._image_ns, until_ns)
-        if time_ns > self.time_ns:
-            self._move((time_ns - self.time_ns) / NANOSECONDS)
-            self.time_ns = time_ns
+        dt = (time_ns - self.time_ns) / NANOSECONDS
+        if dt > 0.0 and self._has_velocity_commands:
+            follow_velocity(self._chain, self._state, self._lag, dt)
+        elif dt > 0.0:
+            follow_position(self._state, self._lag, dt)
+        self.time_ns = max(time_ns, self.time_ns)
         readings: list[Reading] = []
         if joints_ns == time_ns:
             self._count_samples(1)
@@ -192,13 +195,6 @@ class KinematicPlant(Plant):
         stamps, samples = stamps[:count].tolist(), samples[:count]
         self._updates.apply_results(stamps, samples)
         self._listener.on_updates(stamps, samples)
-
-    def _move(self, dt: float) -> None:
-        """Advance the coordinates by dt (s) with the exact solution of the first-order lag."""
-        if self._has_velocity_commands:
-            follow_velocity(self._chain, self._state, self._lag, dt)
-        else:
-            follow_position(self._state, self._lag, dt)
 
 
 class KinematicArm(KinematicPlant):

@@ -185,7 +185,7 @@ class PointFeature(Feature):
                 finite.
         """
         points = np.asarray(self.points(observation), float)
-        if not np.isfinite(points).all():
+        if not all(np.isfinite(points.ravel()).tolist()):
             raise MeasurementError("the feature returned a point that is not finite; correct the "
                                    "feature")
         if points.shape == desired.shape:
@@ -290,7 +290,7 @@ def compute_inverse_depth(plane: Plane, points: np.ndarray) -> np.ndarray:
         MeasurementError: a point is behind the camera.
     """
     inverse = plane.A * points[:, 0] + plane.B * points[:, 1] + plane.C
-    if not (inverse > 0.0).all():
+    if not all((inverse > 0.0).tolist()):
         raise MeasurementError(POINT_BEHIND_CAMERA)
     return inverse
 

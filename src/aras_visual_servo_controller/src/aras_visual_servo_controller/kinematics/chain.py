@@ -212,16 +212,7 @@ def compute_pose_and_jacobian(
 
 @jit(f"{CHAIN_SIGNATURE}, f8[:,:], f8[:,:,::1], f8[:,::1]")
 def _compute_poses(
-    order,
-    parents,
-    is_prismatic,
-    signs,
-    origins,
-    axes,
-    end_joints,
-    tip_frames,
-    positions,
-    poses,
+    order, parents, is_prismatic, signs, origins, axes, end_joints, tip_frames, positions, poses,
     jacobian,
 ):
     """Write target_T_camera of m joint positions (m, n) into `poses` (m, 4, 4).
@@ -230,15 +221,6 @@ def _compute_poses(
     """
     for m in range(len(poses)):
         compute_pose_and_jacobian(
-            order,
-            parents,
-            is_prismatic,
-            signs,
-            origins,
-            axes,
-            end_joints,
-            tip_frames,
-            positions[m],
-            poses[m],
-            jacobian,
-        )
+            order, parents, is_prismatic, signs, origins, axes, end_joints, tip_frames,
+            positions[m], poses[m], jacobian,
+        )  # fmt: skip

@@ -177,3 +177,81 @@ def compute_velocity_ranges(q, limits, dt):
         low[i] = -compute_stopping_speed(max(q[i] - lower[i], 0.0), acceleration[i], dt)
         high[i] = compute_stopping_speed(max(upper[i] - q[i], 0.0), acceleration[i], dt)
     return low, high
+
+
+@jit("f8[:], f8[:]")
+def _find_scale(desired, room):
+    """Return the largest factor <= 1 for which |factor desired_i| <= room_i for all joints i.
+
+    The second result is the index of the joint that limits the factor. Both arguments are arrays
+    (n,).
+    """
+    part, joint = 1.0, 0
+    for i in range(len(desired)):
+        size = abs(desired[i])
+        if size > room[i] and max(room[i], 0.0) / size < part:
+            part, joint = max(room[i], 0.0) / size, i
+    return part, joint
+
+
+@jit("f8[:], f8[:], f8[:], f8[:], f8[:,:], f8, b1, f8[:], f8[:], f8[:]")
+def limit_velocities(desired, secondary, low, high, limits, dt, is_limited, previous, total, task):
+    """Limit velocities by the ranges of position, speed and acceleration.
+
+    Args:
+        desired: (n,) velocities for the task.
+        secondary: (n,) velocities that do not affect the task.
+        low, high: (n,) lowest and highest velocities that `compute_velocity_ranges` returns.
+        limits: (5, n) see `solve_velocities`.
+        dt: time for which the velocities are applied, s.
+        is_limited: whether the acceleration is limited, starting from the velocities `previous`.
+        previous: (n,) velocities that were commanded before.
+        total, task: (n,) velocities of the last solution, and their part for the task. If
+            `previous` equals `total`, the acceleration of the task part is measured from `task`,
+            otherwise from `previous`.
+
+    Returns:
+        The velocities (n,); their part (n,) for the task; the factor by which limits scaled this
+        part; the index of the joint whose limit reduced the factor, or -1.
+    """
+    count, fastest, acceleration = len(desired), limits[2], limits[3]
+    part, slowest = _find_scale(desired, fastest)
+    if part == 1.0:
+        slowest = -1
+    primary, others = np.empty(count), np.zeros(count)
+    for i in range(count):
+        primary[i] = part * desired[i]
+    if is_limited:
+        unchanged, change = True, np.empty(count)
+        for i in range(count):
+            unchanged &= abs(previous[i] - total[i]) < 1e-9
+        before, steps = task if unchanged else previous, np.empty(count)
+        for i in range(count):
+            others[i] = previous[i] - before[i]
+            steps[i] = primary[i] - before[i]
+            change[i] = acceleration[i] * dt
+        part, joint = _find_scale(steps, change)
+        if part < 1.0:
+            slowest = joint
+            for i in range(count):
+                primary[i] = before[i] + part * steps[i]
+    towards, room, velocities = np.empty(count), np.empty(count), np.empty(count)
+    for i in range(count):
+        lowest, highest = max(low[i], -fastest[i]), min(high[i], fastest[i])
+        if is_limited:
+            # These bounds let a joint brake with at most its maximum acceleration, even if it
+            # cannot stop before the end of its range.
+            slower, faster = previous[i] - acceleration[i] * dt, previous[i] + acceleration[i] * dt
+            lowest = min(max(lowest, slower), faster)
+            highest = min(max(highest, slower), faster)
+        velocities[i] = min(max(primary[i] + others[i], lowest), highest)
+        # The secondary tasks get what the task leaves of the range of each joint's velocity.
+        towards[i] = secondary[i] - others[i]
+        room[i] = highest - velocities[i] if towards[i] > 0.0 else velocities[i] - lowest
+    part, _ = _find_scale(towards, room)
+    along, whole = 0.0, 0.0
+    for i in range(count):
+        velocities[i] += part * towards[i]
+        along += primary[i] * desired[i]
+        whole += desired[i] * desired[i]
+    return velocities, primary, along / whole if slowest >= 0 else 1.0, slowest

@@ -10,7 +10,7 @@ from aras_visual_servo_base.compiled import jit
 
 from .algebra import ROUNDING_TOLERANCE, has_singular_values_above, multiply, multiply_vector, svd
 from .chain import CHAIN_SIGNATURE, compute_pose_and_jacobian
-from .command_limits import compute_velocity_ranges
+from .command_limits import compute_velocity_ranges, limit_velocities
 from .held_directions import compute_held_directions
 
 # A camera direction gets a smaller weight if its singular value in L is below this fraction of the
@@ -172,84 +172,6 @@ def _solve_damped(
     return primary, secondary
 
 
-@jit("f8[:], f8[:]")
-def _find_scale(desired, room):
-    """Return the largest factor <= 1 for which |factor desired_i| <= room_i for all joints i.
-
-    The second result is the index of the joint that limits the factor. Both arguments are arrays
-    (n,).
-    """
-    part, joint = 1.0, 0
-    for i in range(len(desired)):
-        size = abs(desired[i])
-        if size > room[i] and max(room[i], 0.0) / size < part:
-            part, joint = max(room[i], 0.0) / size, i
-    return part, joint
-
-
-@jit("f8[:], f8[:], f8[:], f8[:], f8[:,:], f8, b1, f8[:], f8[:], f8[:]")
-def _limit_velocities(desired, secondary, low, high, limits, dt, is_limited, previous, total, task):
-    """Limit velocities by the ranges of position, speed and acceleration.
-
-    Args:
-        desired: (n,) velocities for the task.
-        secondary: (n,) velocities that do not affect the task.
-        low, high: (n,) lowest and highest velocities that `compute_velocity_ranges` returns.
-        limits: (5, n) see `solve_velocities`.
-        dt: time for which the velocities are applied, s.
-        is_limited: whether the acceleration is limited, starting from the velocities `previous`.
-        previous: (n,) velocities that were commanded before.
-        total, task: (n,) velocities of the last solution, and their part for the task. If
-            `previous` equals `total`, the acceleration of the task part is measured from `task`,
-            otherwise from `previous`.
-
-    Returns:
-        The velocities (n,); their part (n,) for the task; the factor by which limits scaled this
-        part; the index of the joint whose limit reduced the factor, or -1.
-    """
-    count, fastest, acceleration = len(desired), limits[2], limits[3]
-    part, slowest = _find_scale(desired, fastest)
-    if part == 1.0:
-        slowest = -1
-    primary, others = np.empty(count), np.zeros(count)
-    for i in range(count):
-        primary[i] = part * desired[i]
-    if is_limited:
-        unchanged, change = True, np.empty(count)
-        for i in range(count):
-            unchanged &= abs(previous[i] - total[i]) < 1e-9
-        before, steps = task if unchanged else previous, np.empty(count)
-        for i in range(count):
-            others[i] = previous[i] - before[i]
-            steps[i] = primary[i] - before[i]
-            change[i] = acceleration[i] * dt
-        part, joint = _find_scale(steps, change)
-        if part < 1.0:
-            slowest = joint
-            for i in range(count):
-                primary[i] = before[i] + part * steps[i]
-    towards, room, velocities = np.empty(count), np.empty(count), np.empty(count)
-    for i in range(count):
-        lowest, highest = max(low[i], -fastest[i]), min(high[i], fastest[i])
-        if is_limited:
-            # These bounds let a joint brake with at most its maximum acceleration, even if it
-            # cannot stop before the end of its range.
-            slower, faster = previous[i] - acceleration[i] * dt, previous[i] + acceleration[i] * dt
-            lowest = min(max(lowest, slower), faster)
-            highest = min(max(highest, slower), faster)
-        velocities[i] = min(max(primary[i] + others[i], lowest), highest)
-        # The secondary tasks get what the task leaves of the range of each joint's velocity.
-        towards[i] = secondary[i] - others[i]
-        room[i] = highest - velocities[i] if towards[i] > 0.0 else velocities[i] - lowest
-    part, _ = _find_scale(towards, room)
-    along, whole = 0.0, 0.0
-    for i in range(count):
-        velocities[i] += part * towards[i]
-        along += primary[i] * desired[i]
-        whole += desired[i] * desired[i]
-    return velocities, primary, along / whole if slowest >= 0 else 1.0, slowest
-
-
 @jit("f8[:], f8[:], f8[:], f8, f8")
 def _passes_straight(q, elbow, velocities, reach_bend, dt):
     """Return whether one step removes more than half the bend of a nearly straight elbow.
@@ -264,20 +186,8 @@ def _passes_straight(q, elbow, velocities, reach_bend, dt):
 @jit("f8[:,:], f8[:,:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8[:], f8[:,:], f8[:,:], "
           "f8[:], f8, f8, f8[:]")
 def _solve_within_ranges(
-    scaled_jacobian,
-    bent_jacobian,
-    basis,
-    desired,
-    weights,
-    preferred,
-    low,
-    high,
-    elbows,
-    limits,
-    q,
-    dt,
-    reach_bend,
-    damping,
+    scaled_jacobian, bent_jacobian, basis, desired, weights, preferred, low, high, elbows, limits,
+    q, dt, reach_bend, damping,
 ):
     """Compute joint velocities with which no joint leaves its range and no elbow becomes straight.
 
@@ -300,17 +210,9 @@ def _solve_within_ranges(
         # it bends the elbows further.
         if near:
             solution, spare = _solve_damped(
-                bent_jacobian,
-                basis,
-                desired,
-                weights,
-                preferred,
-                free,
-                fixed,
-                damping[0],
-                damping[1],
-                limits[4],
-            )
+                bent_jacobian, basis, desired, weights, preferred, free, fixed, damping[0],
+                damping[1], limits[4],
+            )  # fmt: skip
             for elbow in elbows:
                 joint = int(elbow[0])
                 bend = q[joint] - elbow[1]
@@ -319,17 +221,9 @@ def _solve_within_ranges(
                     back &= solution[joint] * side > 0.0
         if not (near and back):
             solution, spare = _solve_damped(
-                scaled_jacobian,
-                basis,
-                desired,
-                weights,
-                preferred,
-                free,
-                fixed,
-                damping[0],
-                damping[1],
-                limits[4],
-            )
+                scaled_jacobian, basis, desired, weights, preferred, free, fixed, damping[0],
+                damping[1], limits[4],
+            )  # fmt: skip
         done = True
         for elbow in elbows:
             joint = int(elbow[0])
@@ -391,32 +285,9 @@ DESIRED, ACHIEVED, INFEASIBLE = range(3)
 
 @jit(f"{CHAIN_SIGNATURE}, f8[:], f8[:,::1], f8[:,::1], {SOLVER_SIGNATURE}")
 def solve_velocities(
-    order,
-    parents,
-    is_prismatic,
-    signs,
-    origins,
-    axes,
-    end_joints,
-    tip_frames,
-    q,
-    pose,
-    jacobian,
-    goal,
-    L,
-    rate,
-    modelled,
-    preferred,
-    range_tasks,
-    elbows,
-    limits,
-    dt,
-    is_limited,
-    previous,
-    last,
-    settings,
-    joints,
-    twists,
+    order, parents, is_prismatic, signs, origins, axes, end_joints, tip_frames, q, pose, jacobian,
+    goal, L, rate, modelled, preferred, range_tasks, elbows, limits, dt, is_limited, previous, last,
+    settings, joints, twists,
 ):
     """Compute the solution of `DifferentialIK.solve`.
 
@@ -433,7 +304,7 @@ def solve_velocities(
         limits: (5, n) rows with the lower position, upper position, velocity and acceleration
             limits; the last row contains the joint motions, rad or m, that have the same weight in
             the least squares.
-        dt, is_limited, previous: see `_limit_velocities`.
+        dt, is_limited, previous: see `limit_velocities`.
         last: (2, n) velocities of the last solution, and their part for the task.
         settings: array of the fields of IKSettings.
         joints: (4, n) output: the velocities, their part for the task, the distances to the
@@ -449,34 +320,16 @@ def solve_velocities(
     length, reach, bent = settings[0], settings[6], jacobian
     if len(origins) > 0:
         compute_pose_and_jacobian(
-            order,
-            parents,
-            is_prismatic,
-            signs,
-            origins,
-            axes,
-            end_joints,
-            tip_frames,
-            q,
-            pose,
+            order, parents, is_prismatic, signs, origins, axes, end_joints, tip_frames, q, pose,
             jacobian,
-        )
+        )  # fmt: skip
         posture, other = _bend_elbows(q, elbows, reach)
         if other:
             bent = np.empty((6, len(q)))
             compute_pose_and_jacobian(
-                order,
-                parents,
-                is_prismatic,
-                signs,
-                origins,
-                axes,
-                end_joints,
-                tip_frames,
-                posture,
-                np.empty((4, 4)),
-                bent,
-            )
+                order, parents, is_prismatic, signs, origins, axes, end_joints, tip_frames, posture,
+                np.empty((4, 4)), bent,
+            )  # fmt: skip
     held, errors, free = compute_held_directions(pose, goal, modelled, length)
     for i in range(len(errors)):
         errors[i] *= settings[3]
@@ -497,7 +350,7 @@ def solve_velocities(
         elbows, limits,
         q, dt, reach, settings[1:3],
     )  # fmt: skip
-    velocities, primary, part, slowest = _limit_velocities(
+    velocities, primary, part, slowest = limit_velocities(
         solution, spare, low, high, limits, dt, is_limited, previous, last[0], last[1]
     )
     short = multiply_vector(basis, multiply_vector(scaled, solution))

@@ -63,11 +63,8 @@ class Task:
         Raises:
             InvalidTaskError: a shape is wrong, or a value is not finite.
         """
-        L, rate, modelled = (
-            _read_array(self.L),
-            _read_array(self.desired_rate),
-            np.array(self.modelled, bool),
-        )
+        L, rate = _read_array(self.L), _read_array(self.desired_rate)
+        modelled = np.array(self.modelled, bool)
         if L.ndim != 2 or L.shape[1] != 6 or rate.shape != (len(L),) or len(L) == 0:
             raise InvalidTaskError(
                 f"a task needs L of shape (k, 6) and a rate of shape (k,), got {L.shape} and "
@@ -92,10 +89,9 @@ class Task:
             accuracy = accuracy if accuracy.ndim else float(accuracy)
         if len(L) > 6:
             L, rate, accuracy = _reduce_rows(L, rate, accuracy)
-        self.accuracy = accuracy
-        for name, array in (("L", L), ("desired_rate", rate), ("modelled", modelled)):
+        for array in (L, rate, modelled):
             array.setflags(write=False)
-            setattr(self, name, array)
+        self.L, self.desired_rate, self.modelled, self.accuracy = L, rate, modelled, accuracy
 
     @classmethod
     def from_interaction(
@@ -121,11 +117,7 @@ class Task:
             InvalidTaskError: a shape is wrong, or a value is not finite.
         """
         if weights is not None:
-            L, desired_rate, weights = (
-                _read_array(L),
-                _read_array(desired_rate),
-                _read_array(weights),
-            )
+            L, desired_rate, weights = map(_read_array, (L, desired_rate, weights))
             if weights.shape != desired_rate.shape or L.ndim != 2 or not (weights >= 0.0).all():
                 raise InvalidTaskError(
                     f"weights must be >= 0 and have the shape ({len(desired_rate)},), got "

@@ -60,9 +60,10 @@ def observe(
     """
     camera = frame.camera if camera is None else camera
     if frame.image is not None:
-        return observer.observe_image(frame.stamp, observer.images.decode_image(frame), camera,
-            joints,
-                                 commands, frame.depth, plane, world_T_camera)  # fmt: skip
+        return observer.observe_image(
+            frame.stamp, observer.images.decode_image(frame), camera, joints, commands,
+            frame.depth, plane, world_T_camera,
+        )  # fmt: skip
     if (target := frame.target) is not None:
         return observer.observe_moments(
             frame.stamp, target.moments, target.valid, target.reason, camera, joints, commands,
@@ -73,9 +74,10 @@ def observe(
         outline = normalise_pixels(outline, frame.camera, camera, is_closed=True)
     if points is not None:
         points = normalise_pixels(points, frame.camera, camera)
-    return observer.observe_exact_features(frame.stamp, camera, joints, world_T_camera, outline,
-        points, commands,
-                             plane, frame.jitter / camera.K[0])  # fmt: skip
+    return observer.observe_exact_features(
+        frame.stamp, camera, joints, world_T_camera, outline, points, commands, plane,
+        frame.jitter / camera.K[0],
+    )  # fmt: skip
 
 
 class FeatureObserver:
@@ -161,9 +163,9 @@ class FeatureObserver:
         valid, reason, plane, fields = self.images.read(
             image, camera, self._find_pose(joints, world_T_camera), depth, plane
         )
-        return self._make_observation(stamp, valid, reason, camera, joints, world_T_camera,
-            commands,
-                          plane=plane, **fields)  # fmt: skip
+        return self._make_observation(
+            stamp, valid, reason, camera, joints, world_T_camera, commands, plane=plane, **fields
+        )
 
     def observe_moments(
         self,
@@ -271,13 +273,13 @@ class FeatureObserver:
             plane = self.compute_plane(pose)
         is_guessed = world_T_camera is None and joints is not None and joints.is_uncertain
         exact_pose = None if is_guessed else pose
-        dt, motion = 0.0, None
-        if self._last_stamp is not None and stamp > self._last_stamp:
-            dt = stamp - self._last_stamp
+        dt, motion, last_stamp = 0.0, None, self._last_stamp
+        if last_stamp is None or stamp > last_stamp:
+            if last_stamp is not None:
+                dt = stamp - last_stamp
             if exact_pose is not None and self._last_pose is not None:
                 motion = relative_pose(self._last_pose, exact_pose)
                 motion.setflags(write=False)
-        if self._last_stamp is None or stamp > self._last_stamp:
             self._last_stamp, self._last_pose = stamp, exact_pose
         return Observation(
             stamp, dt, valid, reason, camera, joints, pose,

@@ -7,7 +7,6 @@ camera node measured.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -58,6 +57,7 @@ class Frame:
 
     Attributes:
         stamp_ns: time of the exposure, ns of simulated time.
+        stamp: the same time, s; computed from `stamp_ns`.
         image: (rows, columns[, channels]) uint8, in the encoding `encoding`; None if there is no
             image.
         depth: (rows, columns) depth along the optical axis, m; None if there is no depth image.
@@ -83,10 +83,8 @@ class Frame:
     camera: CameraModel | None = None
     target: MeasuredTarget | None = None
 
-    @cached_property
-    def stamp(self) -> float:
-        """Return `stamp_ns` in s."""
-        return to_seconds(self.stamp_ns)
+    def __post_init__(self) -> None:
+        self.stamp = to_seconds(self.stamp_ns)
 
     @property
     def has_image(self) -> bool:

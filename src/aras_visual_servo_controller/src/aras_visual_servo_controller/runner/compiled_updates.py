@@ -118,16 +118,9 @@ def process_joint_state(q, v, stamp, loop):
         reuse_time = REUSE_TIME if found[4] else 0.0
         clock[SOLVED_AT], clock[VALID_FOR], clock[TASK] = t, reuse_time, task
     after, speeds, stopped, late = integrate_command(
-        rows[COMMAND],
-        rows[VELOCITY],
-        rows[SOLUTION],
-        q,
-        limits[0],
-        limits[1],
-        lead,
-        settings[LAG],
+        rows[COMMAND], rows[VELOCITY], rows[SOLUTION], q, limits[0], limits[1], lead, settings[LAG],
         dt,
-    )
+    )  # fmt: skip
     if late.any() or not are_finite(after, after, after):
         return NEEDS_PYTHON
     clock[NOW] = clock[NEWEST] = stamp
@@ -192,19 +185,19 @@ class LoopStateConverter:
         if following.L.shape != task.L.shape:
             return None
         settings = servo.settings
-        cached = executor.cached_velocities or (-inf, np.zeros(len(integrator.names)), 0.0, "")
+        cached = executor.cached_velocities or (-inf, 0.0, 0.0, "")
         self._clock = np.array([runner.update_time, newest, cached[0], cached[2], -inf, 0.0])
-        self._rows = np.array([
-            integrator.command, integrator.velocity, cached[1], runner.sent_values,
-            *runner.history.newest_row, np.zeros(len(integrator.names)),
-        ])  # fmt: skip
+        self._rows = rows = np.zeros((STOPPED + 1, len(integrator.names)))
+        rows[COMMAND], rows[VELOCITY] = integrator.command, integrator.velocity
+        rows[SOLUTION], rows[SENT_VALUES] = cached[1], runner.sent_values
+        rows[Q : V + 1] = runner.history.newest_row
         due = pending[0][0] if pending else inf, pending[1][0] if len(pending) > 1 else inf
         numbers = np.array([
             settings.longest_step, settings.watchdog, settings.lag, settings.resolve_period,
             *servo.answer_timing, *due, SENT_ROWS[settings.output],
         ])  # fmt: skip
         return (
-            self._chain, self._clock, self._rows, ik.last_velocities,
+            self._chain, self._clock, rows, ik.last_velocities,
             servo.arm.plausible_bounds, integrator.lead, numbers, ik.setting_values,
             np.array(ik.goal), np.array((task.L, following.L)),
             np.array((task.desired_rate, following.desired_rate)),

@@ -81,16 +81,15 @@ def check_measurement(feature: Feature, measurement: object) -> FeatureMeasureme
 def _is_valid(measurement: FeatureMeasurement, count: int) -> bool:
     """Return whether a measurement without `error_summary` has valid arrays for `count` features.
     """
-    L = measurement.L
-    for array in (measurement.s, measurement.desired, measurement.error):
-        if type(array) is not np.ndarray or array.dtype != float or array.shape != (count,):
+    arrays = measurement.s, measurement.desired, measurement.error, measurement.L
+    for array, shape in zip(arrays, ((count,), (count,), (count,), (count, 6)), strict=True):
+        if type(array) is not np.ndarray or array.dtype != float or array.shape != shape:
             return False
     return (
-        type(L) is np.ndarray and L.dtype == float and L.shape == (count, 6)
-        and measurement.error_summary is None
+        measurement.error_summary is None
         and type(measurement.error_drift) is float and math.isfinite(measurement.error_drift)
         and type(measurement.notes) is tuple and type(measurement.ambiguity) is str
-        and is_measurement_finite(measurement.s, measurement.desired, measurement.error, L)
+        and is_measurement_finite(*arrays)
     )  # fmt: skip
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from math import inf
+from operator import is_
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from ..observation.observation import Observation
 from .base import JointController, Scheme, SchemeOutput
 from .output_checks import to_float_array
 from .time_limit import call_user_code
+
+# fields of SchemeOutput with one number for each name
+COMPONENT_FIELDS = ("features", "desired", "error")
 
 
 def compute(
@@ -54,20 +58,17 @@ def compute(
             f"scheme {name} returned {type(output).__name__} instead of a SchemeOutput"
         )
     count = len(tuple(output.names))
-    arrays = {}
-    for field in ("features", "desired", "error"):
-        array = getattr(output, field)
-        if type(array) is not np.ndarray or array.dtype != float:
-            array = to_float_array(array)
+    given = output.features, output.desired, output.error
+    arrays = [to_float_array(values) for values in given]
+    for field, array in zip(COMPONENT_FIELDS, arrays, strict=True):
         if array is None or array.shape != (count,):
             shape = "no numbers" if array is None else f"shape {array.shape}"
             raise SchemeError(
                 f"scheme {name} returned {field} of {shape}, must return one number for each of "
                 f"the {count} names"
             )
-        arrays[field] = array
-    if not are_finite(*arrays.values()):
-        for field, array in arrays.items():
+    if not are_finite(*arrays):
+        for field, array in zip(COMPONENT_FIELDS, arrays, strict=True):
             if not np.isfinite(array).all():
                 raise SchemeError(
                     f"scheme {name} returned {field} that are not finite: {array.tolist()}"
@@ -85,17 +86,15 @@ def compute(
                 f"scheme {name} returned the error_drift {output.error_drift}, must return one "
                 "finite number for each name"
             )
-    if output.L is not None and type(output.L) is not np.ndarray:
-        arrays["L"] = to_float_array(output.L)
-    if is_controller:
-        return dataclasses.replace(output, task=None, **arrays)
-    if not isinstance(output.task, Task):
+    if not (is_controller or isinstance(output.task, Task)):
         raise SchemeError(
             f"scheme {name} returned the task {type(output.task).__name__} instead of a Task"
         )
-    for field, array in arrays.items():
-        if array is not getattr(output, field):
-            break
-    else:
+    L = output.L if type(output.L) is np.ndarray else to_float_array(output.L)
+    if not is_controller and L is output.L and all(map(is_, arrays, given)):
         return output  # the usual case: all arrays were valid and need no conversion
-    return dataclasses.replace(output, **arrays)
+    features, desired, error = arrays
+    task = None if is_controller else output.task
+    return dataclasses.replace(
+        output, features=features, desired=desired, error=error, L=L, task=task
+    )

@@ -21,7 +21,7 @@ from aras_visual_servo_controller.diagnosis.advice import (
     suggest_wider_limits,
 )
 from aras_visual_servo_controller.diagnosis.evidence import combine_outcomes
-from aras_visual_servo_controller.laws.registry import create_law
+from aras_visual_servo_controller.laws.wrappers import create_law
 from aras_visual_servo_controller.records.outcomes import REMEDIES, UNCOVER_TARGET, Outcome
 from aras_visual_servo_controller.records.remedy import (
     Remedy,

@@ -13,13 +13,12 @@ from aras_visual_servo_base.settings import convert
 from aras_visual_servo_bench.experiment import cameras
 from aras_visual_servo_bench.plants import JointReading
 from aras_visual_servo_bench.plants.base import CameraPlacement, Plant, to_seconds
-from aras_visual_servo_bench.plants.imaging import (
+from aras_visual_servo_bench.plants.exposures import (
     ExposureSchedule,
-    ImagingSettings,
-    capture,
     collect_vibrations,
     make_exposure_schedules,
 )
+from aras_visual_servo_bench.plants.imaging import ImagingSettings, capture
 from aras_visual_servo_bench.targets.geometry import PlacedTarget, PolygonTarget, TargetMotion
 from aras_visual_servo_bench.targets.target_factory import make_target
 from aras_visual_servo_camera.camera_model import CameraModel

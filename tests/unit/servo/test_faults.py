@@ -26,8 +26,7 @@ from aras_visual_servo_controller.schemes import (
     SchemeOutput,
     create_scheme,
 )
-from aras_visual_servo_controller.schemes.output_checks import check_goal, check_joint_output
-from aras_visual_servo_controller.schemes.scheme_call import compute
+from aras_visual_servo_controller.schemes.scheme_call import check_goal, check_joint_output, compute
 from aras_visual_servo_controller.schemes.time_limit import call_user_code
 
 GOOD_FROM, GOOD_TO = 0.1, 0.4  # s between which the scheme goes wrong

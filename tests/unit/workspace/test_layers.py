@@ -78,6 +78,7 @@ FLOORS = {
         {"diagnosis"},
         {"loop"},
         {"parameters"},
+        {"camera_settings"},
         {"settings"},
         {"runner"},
         {"ros"},

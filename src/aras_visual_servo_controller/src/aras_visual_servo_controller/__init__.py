@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from .kinematics.joint_sample import JointSample as JointSample
     from .kinematics.task import Task as Task
     from .laws.base import Law as Law
-    from .laws.registry import create_law as create_law
+    from .laws.wrappers import create_law as create_law
     from .loop.servo import Servo as Servo
     from .observation.feature_observer import FeatureObserver as FeatureObserver
     from .observation.observation import Need as Need
@@ -67,7 +67,7 @@ _FURTHER = {
     "Stack": ".features.base",
     "RemoteCameraFeature": ".features.remote_camera_feature",
     "FEATURES": ".features.base",
-    "create_law": ".laws.registry",
+    "create_law": ".laws.wrappers",
     "create_scheme": ".schemes.registry",
     "Arm": ".kinematics.arm",
     "DifferentialIK": ".kinematics.differential_ik",

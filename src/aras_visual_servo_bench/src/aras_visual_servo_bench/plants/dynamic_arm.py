@@ -44,7 +44,8 @@ from ..experiment import cameras
 from ..experiment.robots import ROBOT, Robot, find_camera_name
 from ..targets.geometry import PlacedTarget, PoseHistory
 from .base import CAMERA, JointListener, JointReading, Plant, Reading
-from .imaging import ImagingSettings, collect_vibrations, make_exposure_schedules
+from .exposures import collect_vibrations, make_exposure_schedules
+from .imaging import ImagingSettings
 
 if TYPE_CHECKING:
     from aras_visual_servo_controller.runner.loop_runner import LoopRunner

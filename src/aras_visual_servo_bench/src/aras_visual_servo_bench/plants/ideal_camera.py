@@ -17,8 +17,9 @@ from aras_visual_servo_controller.kinematics.task import Task
 from aras_visual_servo_controller.observation.frame import NANOSECONDS
 
 from .base import JointReading, Reading
+from .exposures import ExposureSchedule
 from .free_camera_kinematics import FreeCameraKinematics
-from .imaging import ExposureSchedule, ImagingSettings
+from .imaging import ImagingSettings
 from .kinematic import FreeCamera
 
 ZERO_TWIST = np.zeros(6)

@@ -7,7 +7,7 @@ rotations only and have their own interaction matrix.
 References: F. Chaumette and S. Hutchinson, Visual servo control, parts I and II, IEEE Robotics and
 Automation Magazine 13(4), 2006 and 14(1), 2007; B. Espiau, F. Chaumette and P. Rives, A new
 approach to visual servoing in robotics, IEEE Transactions on Robotics and Automation 8(3), 1992
-(lines, segments, vanishing points).
+(vanishing points).
 """
 
 from __future__ import annotations
@@ -193,7 +193,8 @@ class PolarPoints(CornerFeature):
         """Compute L (k, 6) from points (n, 2) and their inverse depths (n,)."""
         rho = np.hypot(points[:, 0], points[:, 1])[:, None]
         c, s = (points / rho).T[:, :, None]
-        x, y = _split_point_interaction(points, inverse_depth)
+        L = point_interaction(points, inverse_depth)
+        x, y = L[0::2], L[1::2]
         return np.stack([c * x + s * y, (c * y - s * x) / rho], axis=1).reshape(-1, 6)
 
 
@@ -246,122 +247,6 @@ class Depth(CornerFeature):
         """Compute L (k, 6) from points (n, 2) and their inverse depths (n,)."""
         X, Y, Z = backproject(points, inverse_depth).mean(axis=0)
         return np.array([[0.0, 0.0, -1.0 / Z, -Y / Z, X / Z, 0.0]])
-
-
-class EdgeFeature(CornerFeature):
-    """Base class of features of a polygon's edges, from each point to the next."""
-
-    @staticmethod
-    def edges(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return the first ends, last ends, lengths and directions of the edges.
-
-        Their shapes are (n, 2), (n, 2), (n, 1) and (n, 2).
-
-        Raises:
-            MeasurementError: two neighbouring points coincide.
-        """
-        ends = np.roll(points, -1, axis=0)
-        step = ends - points
-        length = np.hypot(step[:, 0], step[:, 1])[:, None]
-        if length.min() < MIN_LENGTH:
-            raise MeasurementError("two neighbouring points coincide, so the edge between them is "
-                                   "undefined; move the camera")
-        return points, ends, length, step / length
-
-    @staticmethod
-    def edge_rates(
-        points: np.ndarray, inverse_depth: np.ndarray, length: np.ndarray, direction: np.ndarray
-    ) -> tuple[np.ndarray, ...]:
-        """Compute the interaction matrices L (n, 6) of n edges.
-
-        Returns:
-            Six matrices: for x and y of the first end, x and y of the last end, length and angle.
-        """
-        x, y = _split_point_interaction(points, inverse_depth)
-        far_x, far_y = np.roll(x, -1, axis=0), np.roll(y, -1, axis=0)
-        dx, dy = direction.T[:, :, None]
-        longer = dx * (far_x - x) + dy * (far_y - y)
-        angle = (dx * (far_y - y) - dy * (far_x - x)) / length
-        return x, y, far_x, far_y, longer, angle
-
-
-@FEATURES.register("lines")
-class Lines(EdgeFeature):
-    """s = (rho, theta) of the line of each edge, x cos(theta) + y sin(theta) = rho.
-
-    The direction of an edge, from its first to its last end, determines the sign of its normal.
-    Therefore theta covers the full turn.
-    """
-
-    component_names, periods = ("rho", "theta"), (0.0, FULL_TURN)
-    component_tolerances, component_units = (TOLERANCE, 0.005), ("", "rad")
-
-    def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """Compute s (k,) from points (n, 2) and their inverse depths (n,)."""
-        start, _, _, d = self.edges(points)
-        rho = -d[:, 1] * start[:, 0] + d[:, 0] * start[:, 1]
-        return np.stack([rho, np.arctan2(d[:, 0], -d[:, 1])], axis=1).ravel()
-
-    def interaction(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """Compute L (k, 6) from points (n, 2) and their inverse depths (n,)."""
-        start, _, length, d = self.edges(points)
-        x, y, _, _, _, angle = self.edge_rates(points, inverse_depth, length, d)
-        along = (d * start).sum(axis=1)[:, None]
-        rho = -d[:, 1:] * x + d[:, :1] * y - along * angle
-        return np.stack([rho, angle], axis=1).reshape(-1, 6)
-
-
-@FEATURES.register("segments")
-class Segments(EdgeFeature):
-    """s = (x_m, y_m, length, angle) of each edge, where (x_m, y_m) is its midpoint."""
-
-    component_names, periods = ("xm", "ym", "length", "angle"), (0.0, 0.0, 0.0, FULL_TURN)
-    component_tolerances = (TOLERANCE, TOLERANCE, 2.0 * TOLERANCE, 0.005)
-    component_units = ("", "", "", "rad")
-
-    def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """Compute s (k,) from points (n, 2) and their inverse depths (n,)."""
-        start, end, length, d = self.edges(points)
-        middle = 0.5 * (start + end)
-        return np.hstack([middle, length, np.arctan2(d[:, 1:], d[:, :1])]).ravel()
-
-    def interaction(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """Compute L (k, 6) from points (n, 2) and their inverse depths (n,)."""
-        _, _, length, d = self.edges(points)
-        x, y, far_x, far_y, longer, angle = self.edge_rates(points, inverse_depth, length, d)
-        rows = [0.5 * (x + far_x), 0.5 * (y + far_y), longer, angle]
-        return np.stack(rows, axis=1).reshape(-1, 6)
-
-
-@FEATURES.register("normalised_segments")
-class NormalisedSegments(EdgeFeature):
-    """s = (x_m / l, y_m / l, 1 / l, angle) of each edge, with its midpoint (x_m, y_m) and length l.
-
-    These features are nearly linear in the translation of the camera.
-    """
-
-    component_names, periods = ("xn", "yn", "inverse_length", "angle"), (0.0, 0.0, 0.0, FULL_TURN)
-    component_tolerances = (0.005, 0.005, 0.01, 0.005)
-    component_units = ("", "", "", "rad")
-
-    def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """Compute s (k,) from points (n, 2) and their inverse depths (n,)."""
-        start, end, length, d = self.edges(points)
-        middle = 0.5 * (start + end)
-        angle = np.arctan2(d[:, 1:], d[:, :1])
-        return np.hstack([middle / length, 1.0 / length, angle]).ravel()
-
-    def interaction(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """Compute L (k, 6) from points (n, 2) and their inverse depths (n,)."""
-        start, end, length, d = self.edges(points)
-        x, y, far_x, far_y, longer, angle = self.edge_rates(points, inverse_depth, length, d)
-        xm, ym = (0.5 * (start + end)).T[:, :, None]
-        shrink = longer / length**2
-        rows = [
-            0.5 * (x + far_x) / length - xm * shrink, 0.5 * (y + far_y) / length - ym * shrink,
-            -shrink, angle,
-        ]  # fmt: skip
-        return np.stack(rows, axis=1).reshape(-1, 6)
 
 
 @FEATURES.register("vanishing_points")
@@ -427,11 +312,3 @@ class VanishingPoints(CornerFeature):
                 )
             found.append(meet * np.sign(sign) / size)
         return np.array(found)
-
-
-def _split_point_interaction(
-    points: np.ndarray, inverse_depth: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return L (n, 6) of the x coordinates and L (n, 6) of the y coordinates of n points."""
-    L = point_interaction(points, inverse_depth)
-    return L[0::2], L[1::2]

@@ -1,19 +1,5 @@
 """Goal of the servo loop: the view and the pose of the camera, stored in a YAML file.
 
-    joints: {J1: 0.0, J2: 0.0}                   # by name, rad or m
-    camera_pose: {xyz: [...], rpy: [...]}        # base_T_camera, the optical frame
-    depth: 0.1917                                # depth of the target's plane, m
-    plane: [0.0, 0.0, 5.2]                       # 1/Z = A x + B y + C, 1/m; default: horizontal
-    moments: {order: 6, m: [...], mu: [...]}     # normalised coordinates, as in ImageMoments
-    kernel: {width: 320, height: 240, K: [9 numbers], features: [4 numbers]}
-    camera: {width: 320, height: 240, K: [9 numbers], D: [], model: plumb_bob}
-    features: {points: {...}}                    # taught data of each feature, by name
-    target: {surface: 0.5905, ground: 0.59, boxes: [[low, high], ...]}   # if it is known
-    mounting: {xyz: [...], rpy: [...]}           # pose of the camera on its link
-    marker: DICT_APRILTAG_36h11:0                # marker that is the target
-    camera_name: left                            # name of the control camera
-    cameras: {right: {camera_pose: ..., plane: ..., moments: ..., camera: ...}}   # other cameras
-
 Moments do not depend on the intrinsic parameters; kernel features are valid for one camera only.
 All of them depend on the mounting of the camera. If the stored pose differs from the arm's pose at
 the stored joints, the goal was taught with another mounting. It is then rejected or, if the file
@@ -37,7 +23,7 @@ from aras_visual_servo_base.yaml_files import parse_yaml, read_text
 from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_camera.moments import MAX_ORDER, Moments, Pinhole
+from aras_visual_servo_camera.moments import MAX_ORDER, Moments
 
 from ..errors import ConfigurationError, ServoError, UnreachableError
 from ..kinematics.command_limits import check_within_limits
@@ -194,14 +180,11 @@ class Goal:
         values = {} if joints is None else {
             n: float(q) for n, q in zip(joints.names, joints.positions, strict=True)
         }  # fmt: skip
-        kernel = None
-        if observation.kernel is not None:
-            camera = observation.camera
-            kernel = GoalKernel(camera.width, camera.height, np.reshape(camera.K, (3, 3)),
-                                np.array(observation.kernel[16:]))  # fmt: skip
-        goal = cls(name, values, pose, depth, plane, observation.moments, kernel,
-                   observation.camera, taught, target, None, observation.name,
-                   marker=observation.marker)  # fmt: skip
+        goal = cls(
+            name, values, pose, depth, plane, observation.moments,
+            GoalKernel.from_observation(observation), observation.camera, taught, target, None,
+            observation.name, marker=observation.marker,
+        )  # fmt: skip
         return goal._add_other_cameras(observation) if observation.other_cameras else goal
 
     def _add_other_cameras(self, observation: Observation) -> Goal:
@@ -352,14 +335,7 @@ class Goal:
             plane = self.target.compute_plane(world_T_camera)
             moments = Moments.from_polygon(view, MAX_ORDER)
             depth = self.target.compute_depth(world_T_camera)
-            kernel = self.kernel
-            if kernel is not None:
-                from aras_visual_servo_camera.kernel import compute_outline_kernel_features
-
-                lens, size = Pinhole.from_K(kernel.K), (kernel.width, kernel.height)
-                kernel = replace(
-                    kernel, features=compute_outline_kernel_features(view, lens, *size).values
-                )
+            kernel = None if self.kernel is None else self.kernel.predict(view)
         except (ServoError, VisionError) as error:
             raise ConfigurationError(
                 f"{self.name}: the target is not visible from this pose ({error}); check the "
@@ -445,21 +421,14 @@ class Goal:
 
     def to_yaml(self, heading: str = "") -> str:
         """Return the text of the goal file, with `heading` as a comment at its top."""
-        moments, camera = self.moments, self.camera
         return write_goal_text({
             "joints": self.joints,
             "camera_pose": make_pose_entry(self.world_T_camera),
             "depth": self.depth,
             "plane": self.plane,
-            "moments": None if moments is None else {
-                "order": moments.order, "m": moments.m_array, "mu": moments.mu_array,
-            },
-            "kernel": None if self.kernel is None else {
-                **vars(self.kernel), "K": np.ravel(self.kernel.K),
-            },
-            "camera": None if camera is None else {
-                name: getattr(camera, name) for name in ("width", "height", "K", "D", "model")
-            },
+            "moments": self.moments,
+            "kernel": self.kernel,
+            "camera": self.camera,
             "features": self.features,
             "target": None if self.target is None else self.target.to_mapping(),
             "mounting": make_pose_entry(self.mounting),

@@ -1,5 +1,19 @@
 """Reading and writing of goal files.
 
+    joints: {J1: 0.0, J2: 0.0}                   # by name, rad or m
+    camera_pose: {xyz: [...], rpy: [...]}        # base_T_camera, the optical frame
+    depth: 0.1917                                # depth of the target's plane, m
+    plane: [0.0, 0.0, 5.2]                       # 1/Z = A x + B y + C, 1/m; default: horizontal
+    moments: {order: 6, m: [...], mu: [...]}     # normalised coordinates, as in ImageMoments
+    kernel: {width: 320, height: 240, K: [9 numbers], features: [4 numbers]}
+    camera: {width: 320, height: 240, K: [9 numbers], D: [], model: plumb_bob}
+    features: {points: {...}}                    # taught data of each feature, by name
+    target: {surface: 0.5905, ground: 0.59, boxes: [[low, high], ...]}   # if it is known
+    mounting: {xyz: [...], rpy: [...]}           # pose of the camera on its link
+    marker: DICT_APRILTAG_36h11:0                # marker that is the target
+    camera_name: left                            # name of the control camera
+    cameras: {right: {camera_pose: ..., plane: ..., moments: ..., camera: ...}}   # other cameras
+
 Every key is checked. Each error message is a single line.
 """
 
@@ -7,7 +21,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,11 +32,11 @@ from aras_visual_servo_base.settings import build, parameter
 from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_camera.moments import MAX_ORDER, Moments
+from aras_visual_servo_camera.moments import MAX_ORDER, Moments, Pinhole
 
 from ..errors import ConfigurationError
 from ..observation.feature_observer import explain_implausible
-from ..observation.observation import CAMERA
+from ..observation.observation import CAMERA, Observation
 from ..observation.target_geometry import TargetGeometry
 from .starts import PoseEntry, ThreeNumbers
 
@@ -41,6 +55,23 @@ class GoalKernel:
     height: int
     K: np.ndarray
     features: np.ndarray
+
+    @classmethod
+    def from_observation(cls, observation: Observation) -> GoalKernel | None:
+        """Return the kernel features of an observation; None if it has none."""
+        if observation.kernel is None:
+            return None
+        camera, features = observation.camera, np.array(observation.kernel[16:])
+        return cls(camera.width, camera.height, np.reshape(camera.K, (3, 3)), features)
+
+    def predict(self, outline: np.ndarray) -> GoalKernel:
+        """Compute the kernel features of the same camera for an outline (n, 2), normalised."""
+        from aras_visual_servo_camera.kernel import compute_outline_kernel_features
+
+        found = compute_outline_kernel_features(
+            outline, Pinhole.from_K(self.K), self.width, self.height
+        )
+        return replace(self, features=found.values)
 
 
 @dataclass(frozen=True)
@@ -64,7 +95,7 @@ class KernelEntry:
 
 @dataclass(frozen=True)
 class GoalEntries:
-    """Entries of a goal file; goal.py describes them."""
+    """Entries of a goal file; the docstring of this module describes them."""
 
     renamed_keys = {"seen_by": "camera_name"}
 
@@ -176,7 +207,13 @@ def write_goal_text(entries: Mapping[str, Any], heading: str) -> str:
 
 
 def _to_plain_values(value: Any) -> Any:
-    """Convert arrays, tuples and mappings to numbers, lists and dicts for YAML."""
+    """Convert the parts of a goal to numbers, lists and dicts for YAML."""
+    if isinstance(value, Moments):
+        value = {"order": value.order, "m": value.m_array, "mu": value.mu_array}
+    elif isinstance(value, GoalKernel):
+        value = {**vars(value), "K": np.ravel(value.K)}
+    elif isinstance(value, CameraModel):
+        value = {name: getattr(value, name) for name in ("width", "height", "K", "D", "model")}
     if isinstance(value, Mapping):
         return {name: _to_plain_values(inner) for name, inner in value.items()}
     if isinstance(value, np.ndarray | np.generic):

@@ -7,18 +7,11 @@ import numpy as np
 from aras_visual_servo_base.compiled import jit
 from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.names import suggest
-from aras_visual_servo_base.poses import optical_pose, xyz_rpy_from_matrix
-from aras_visual_servo_base.urdf import (
-    LINK,
-    MOVING_KINDS,
-    OPTICAL,
-    Joint,
-    UrdfTree,
-    parse_tree,
-)
+from aras_visual_servo_base.urdf import Joint, parse_tree
 
 from ..errors import ConfigurationError, MeasurementError
 from .chain import Chain
+from .joint_paths import check_joint, find_camera_path, read_limits, select_joints
 from .joint_sample import JointSample
 
 # A measured position is implausible if it is outside the joint's limits by more than the span
@@ -67,12 +60,12 @@ class Arm:
         moving = [joint for joint in camera_path if joint.kind != "fixed"]
         shared = {joint.name for joint in camera_path}
         moving += [j for j in target_path if j.kind != "fixed" and j.name not in shared]
-        moving = _select_joints(moving, joints)
+        moving = select_joints(moving, joints)
         if not moving:
             raise ConfigurationError(
                 "robot description: no joint moves the camera; check camera_frame and joints"
             )
-        limits = np.array(list(zip(*map(_read_limits, moving), strict=True)))
+        limits = np.array(list(zip(*map(read_limits, moving), strict=True)))
         self.lower, self.upper, self.velocity, self.effort = map(_make_read_only, limits)
         span = np.where(np.isfinite(self.upper - self.lower), self.upper - self.lower, np.nan)
         self.plausible_bounds = np.array([
@@ -124,7 +117,7 @@ class Arm:
             path = find_camera_path(tree, base_frame, camera_frame)
             target_path = tree.find_path(base_frame, target_frame) if target_frame else []
             for joint in [*path, *target_path]:
-                _check_joint(joint)
+                check_joint(joint)
         except DescriptionError as error:
             raise ConfigurationError(f"robot description: {error}") from None
         if not path:
@@ -332,86 +325,6 @@ def find_implausible_joint(q, velocities, lower, upper, max_speeds):
         if not abs(velocities[i]) <= max_speeds[i]:
             return i, True
     return -1, False
-
-
-def find_camera_path(tree: UrdfTree, base: str, camera_frame: str) -> list[Joint]:
-    """Return the joints from the base to the camera's optical frame (z forward, x right, y down).
-
-    - A link `x_optical_frame`, or any link without a camera sensor, is the optical frame itself.
-    - For another link with a camera sensor, the pose of the sensor gives the optical frame.
-    - If there is no link `x_optical_frame`, the sensor on the link `x_link` gives the optical
-      frame.
-
-    Raises:
-        DescriptionError: there is no such frame, or its viewing direction is not known.
-    """
-    link = camera_frame
-    if camera_frame.endswith(OPTICAL):
-        link = camera_frame.removesuffix(OPTICAL) + LINK
-        if camera_frame in tree.links or link not in tree.links:
-            return tree.find_path(base, camera_frame)
-    path = tree.find_path(base, link)
-    if link not in tree.cameras:
-        if link == camera_frame:
-            return path
-        raise DescriptionError(
-            f"the viewing direction of camera_frame '{camera_frame}' is unknown, because link "
-            f"'{link}' carries no camera sensor: add the frame '{camera_frame}' (z forward, x "
-            "right, y down) to the description, or set camera_frame to such a frame"
-        )
-    xyz, rpy = xyz_rpy_from_matrix(optical_pose(tree.cameras[link].matrix()))
-    frame = camera_frame if camera_frame != link else f"{link}{OPTICAL}"
-    return [*path, Joint(f"{link}_to_{frame}", "fixed", link, frame, tuple(xyz), tuple(rpy))]
-
-
-def _check_joint(joint: Joint) -> None:
-    """Raise DescriptionError for a joint that moves the camera or target but is not supported."""
-    if not joint.is_movable and joint.kind != "fixed":
-        raise DescriptionError(
-            f"joint '{joint.name}' on the path to the camera is '{joint.kind}': "
-            f"only {', '.join(MOVING_KINDS)} and fixed are supported"
-        )
-    if joint.is_movable and joint.mimic is not None:
-        raise DescriptionError(
-            f"joint '{joint.name}' mimics another joint and moves the camera, which is not "
-            "supported: remove its <mimic> from the description"
-        )
-    lower, upper, _, _ = _read_limits(joint)
-    if not lower < upper:
-        raise DescriptionError(
-            f"joint '{joint.name}': lower limit {lower:g} must be below upper limit {upper:g}"
-        )
-
-
-def _read_limits(joint: Joint) -> tuple[float, float, float, float]:
-    """Return lower, upper, velocity and effort limits of a joint; a missing limit is infinite."""
-    if joint.limits is None:
-        return -np.inf, np.inf, np.inf, np.inf
-    lower, upper = joint.limits.lower, joint.limits.upper
-    return (
-        -np.inf if lower is None else lower, np.inf if upper is None else upper,
-        joint.limits.velocity, joint.limits.effort,
-    )  # fmt: skip
-
-
-def _select_joints(
-    moving: list[Joint], joints: Sequence[str] | None
-) -> list[Joint]:
-    """Return the joints with the given names, in the given order.
-
-    If `joints` is None, return all joints that move the camera or the target.
-    """
-    if joints is None:
-        return moving
-    by_name = {joint.name: joint for joint in moving}
-    for name in joints:
-        if name not in by_name:
-            raise ConfigurationError(
-                f"no joint {name} moves the camera; {suggest(name, by_name)}"
-            )
-    if len(set(joints)) != len(joints):
-        raise ConfigurationError(f"joints {', '.join(joints)}: a joint is named twice")
-    return [by_name[name] for name in joints]
 
 
 def _make_read_only(array: np.ndarray) -> np.ndarray:

@@ -5,6 +5,6 @@ The registry `LAWS` contains them by name.
 
 from .base import LAWS, Law
 from .proportional import Proportional
-from .registry import create_law
+from .wrappers import create_law
 
 __all__ = ["LAWS", "Law", "Proportional", "create_law"]

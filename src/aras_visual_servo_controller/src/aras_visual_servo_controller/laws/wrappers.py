@@ -1,4 +1,4 @@
-"""Laws that wrap another law so that the camera starts without a step of its velocity."""
+"""Construction of laws by name, and laws that wrap another law for a start without a step."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from aras_visual_servo_base.settings import parameter
 
-from .base import Law
+from .base import LAWS, Law
 
 
 class ContinuousStart(Law):
@@ -71,3 +71,25 @@ class Ramp(Law):
             self._start_time = t
         part = 1.0 - np.exp(-max(t - self._start_time, 0.0) / self.time)
         return part * self.law.desired_error_rate(error, L, pseudo_inverse_error, t, dt)
+
+
+def create_law(
+    name: str, /, continuous_start: float = 0.0, ramp: float = 0.0, **parameters: object
+) -> Law:
+    """Create a law from its short name or 'package.module:Class'.
+
+    Args:
+        name: name of the law, such as 'proportional' or 'pi'; LAWS contains all names.
+        continuous_start: rate mu of a ContinuousStart that wraps the law, 1/s; 0 for none.
+        ramp: time constant of a Ramp that wraps the law, s; 0 for none.
+        parameters: parameters of the law.
+
+    Raises:
+        ConfigurationError: the law is unknown, or does not accept a parameter.
+    """
+    law = LAWS.create(name, **parameters)
+    if ramp == continuous_start == 0.0:
+        return law
+    if ramp != 0.0:
+        law = Ramp(law, ramp)
+    return ContinuousStart(law, continuous_start) if continuous_start != 0.0 else law

@@ -34,7 +34,7 @@ from ..records.state import (
     ServoState,
 )
 from ..schemes.base import JointController, Scheme
-from ..schemes.output_checks import check_goal
+from ..schemes.scheme_call import check_goal
 from ..schemes.time_limit import call_user_code
 from .command_integrator import CommandIntegrator
 from .task_executor import TaskExecutor

@@ -12,7 +12,7 @@ from ..kinematics.joint_sample import JointSample
 from ..kinematics.task import Task
 from ..records.state import ServoSettings
 from ..schemes.base import JointController, Scheme
-from ..schemes.output_checks import check_joint_output
+from ..schemes.scheme_call import check_joint_output
 from ..schemes.time_limit import call_user_code
 from .command_integrator import CommandIntegrator
 

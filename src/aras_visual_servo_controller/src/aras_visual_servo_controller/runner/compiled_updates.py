@@ -177,7 +177,7 @@ class LoopStateConverter:
         task, pending = executor.task, executor.pending_tasks
         if (
             not self._is_possible or newest is None or task is None or executor.is_joint_controlled
-            or not servo.is_only_executing or runner.sent_values is None
+            or not servo.is_only_executing or runner.sender.values is None
             or ik.goal is None or "solve" in vars(ik)
         ):  # fmt: skip
             return None
@@ -189,7 +189,7 @@ class LoopStateConverter:
         self._clock = np.array([runner.update_time, newest, cached[0], cached[2], -inf, 0.0])
         self._rows = rows = np.zeros((STOPPED + 1, len(integrator.names)))
         rows[COMMAND], rows[VELOCITY] = integrator.command, integrator.velocity
-        rows[SOLUTION], rows[SENT_VALUES] = cached[1], runner.sent_values
+        rows[SOLUTION], rows[SENT_VALUES] = cached[1], runner.sender.values
         rows[Q : V + 1] = runner.history.newest_row
         due = pending[0][0] if pending else inf, pending[1][0] if len(pending) > 1 else inf
         numbers = np.array([

@@ -1,24 +1,28 @@
-"""The general scheme: one or more features with a control law."""
+"""Schemes that are built on one or more features, and the general one of them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar
 
 import numpy as np
 
 from aras_visual_servo_base.names import describe_unknown
 
-from ..errors import ConfigurationError
-from ..features.base import Feature, FeatureMeasurement, Stack
+from ..errors import ConfigurationError, MeasurementError
+from ..features.base import Feature, FeatureMeasurement, Stack, scale_tolerances
 from ..goals.goal import Goal
 from ..kinematics.algebra import ROUNDING_TOLERANCE, is_well_conditioned, solve_least_squares
 from ..kinematics.task import Task
 from ..laws import Law
-from ..observation.observation import Observation
-from .base import SchemeOutput
-from .feature_scheme_base import FeatureSchemeBase
-from .output_checks import check_array
+from ..observation.observation import SEGMENTED, Need, Observation
+from .base import Scheme, SchemeOutput
+from .scheme_call import (
+    check_accuracy,
+    check_array,
+    check_measurement,
+    check_taught_entry,
+)
 
 INTERACTIONS = ("current", "desired", "mean", "estimated")
 LONGEST_GAP = 0.3  # time between two images, s; a longer gap restarts the filter of the error
@@ -33,6 +37,93 @@ NOISE_RANK_TOLERANCE = 1e-4
 # largest one. Then noise matters little, and all camera directions are controlled.
 WELL_CONDITIONED = 0.05
 Estimator = Callable[[Observation, FeatureMeasurement], np.ndarray]
+
+
+class FeatureSchemeBase(Scheme):
+    """Base class of schemes on one feature, or on a Stack of several features.
+
+    A subclass implements `compute`, in which it gets s, s*, e and L from
+    `check_measurement(feature.measure(require_visible(observation), goal))`.
+
+    Attributes:
+        feature: feature that is servoed; by default an instance of `feature_class`.
+    """
+
+    feature_class: ClassVar[type[Feature]]
+
+    def __init__(self, law: Law | None = None, feature: Feature | None = None) -> None:
+        super().__init__(law)
+        self.feature = self.feature_class() if feature is None else feature
+        self.needs, self.cameras = self.feature.needs, tuple(self.feature.cameras)
+        self._row_count = 0  # number of rows of L in the last image
+        self._describe()
+
+    def reset(self) -> None:
+        """Forget all earlier images."""
+        super().reset()
+        self.feature.reset()
+        self._row_count = 0
+
+    def check(self, goal: Goal) -> None:
+        """Raise an error for a goal that this scheme cannot servo to."""
+        self.feature.check(goal)
+        self._describe()
+        self.tolerances = scale_tolerances(self.feature.tolerances, goal)
+
+    def get_needs(self, *cameras: str) -> frozenset[Need]:
+        """Return the measurements that the scheme needs from one camera's image."""
+        return self.feature.get_needs(*cameras)
+
+    @property
+    def features(self) -> tuple[Feature, ...]:
+        """The features of a Stack, or the single feature."""
+        return self.feature.features if isinstance(self.feature, Stack) else (self.feature,)
+
+    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
+        """Return the accuracy of the features in the latest image; see `Feature.accuracy`."""
+        found = self.feature.accuracy(observation, goal)
+        return None if found is None else check_accuracy(self.feature, found, self._row_count)
+
+    def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
+        """Return the data that the goal file stores for each feature, from the view at the goal."""
+        taught = {f.name: check_taught_entry(f, f.teach(observation)) for f in self.features}
+        # Features that store data in the goal, and whose `check` requires an entry in the goal.
+        # Even an empty entry is stored for them.
+        required = {f.name for f in self.features if type(f).check is Feature.check
+                      and type(f).teach is not Feature.teach}  # fmt: skip
+        return {name: entry for name, entry in taught.items() if entry or name in required}
+
+    def require_visible(self, observation: Observation) -> Observation:
+        """Return the observation unchanged if all targets that the feature needs are visible.
+
+        Raises:
+            MeasurementError: a target is not visible.
+        """
+        if not observation.other_cameras:
+            if self.needs & SEGMENTED and not observation.valid:
+                raise MeasurementError(observation.reason or "the target is not visible")
+            return observation
+        for name, view in observation.cameras.items():
+            own = (name,) if view.twist_from_control is not None else ("", name)
+            if self.get_needs(*own) & SEGMENTED and not view.valid:
+                reason = view.reason or "the target is not visible"
+                raise MeasurementError(f"camera {name}: {reason}")
+        return observation
+
+    def check_measurement(self, measurement: object) -> FeatureMeasurement:
+        """Return the result of `feature.measure` with float64 arrays.
+
+        Raises:
+            SchemeError: a shape is wrong, or a value is not finite.
+        """
+        measured = check_measurement(self.feature, measurement)
+        self._row_count = len(measured.error)
+        return measured
+
+    def _describe(self) -> None:
+        """Copy names, tolerances and units from the feature; they can depend on the goal."""
+        self.names, self.units = tuple(self.feature.names), tuple(self.feature.units)
+        self.tolerances = tuple(self.feature.tolerances)
 
 
 class FeatureScheme(FeatureSchemeBase):
@@ -120,7 +211,8 @@ class FeatureScheme(FeatureSchemeBase):
         filtered = measured.error
         if self.smoothing > 0.0:
             filtered = self._filter_error(filtered, observation.stamp)
-        scale = _make_scale(goal)
+        # factors that convert a twist with the goal's distance as unit of length to m and rad
+        scale = np.array((goal.distance,) * 3 + (1.0,) * 3)
         camera_error = scale * _compute_pseudo_inverse_error(
             modelled * scale, filtered, self.feature.weights
         )
@@ -201,12 +293,6 @@ class FeatureScheme(FeatureSchemeBase):
                 error = value + (1.0 - np.exp(-dt / self.smoothing)) * (error - value)
         self._filter_state = (stamp, error)
         return error
-
-
-def _make_scale(goal: Goal) -> np.ndarray:
-    """Factors (6,) that convert a twist with the goal's distance as unit of length to m and rad."""
-    distance = goal.distance
-    return np.array((distance, distance, distance, 1.0, 1.0, 1.0))
 
 
 def _compute_pseudo_inverse_error(

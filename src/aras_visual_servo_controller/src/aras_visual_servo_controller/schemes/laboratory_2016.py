@@ -11,7 +11,7 @@ from ..goals.goal import Goal
 from ..kinematics.task import Task
 from ..observation.observation import Observation
 from .base import SCHEMES, SchemeOutput
-from .feature_scheme_base import FeatureSchemeBase
+from .feature_scheme import FeatureSchemeBase
 
 
 @SCHEMES.register("moments_2016")

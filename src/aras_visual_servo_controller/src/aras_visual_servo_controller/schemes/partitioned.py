@@ -14,7 +14,7 @@ from ..kinematics.algebra import ROUNDING_TOLERANCE, solve_least_squares
 from ..kinematics.task import Task
 from ..observation.observation import Observation
 from .base import SCHEMES, SchemeOutput
-from .feature_scheme_base import FeatureSchemeBase
+from .feature_scheme import FeatureSchemeBase
 
 AXIAL_DIRECTIONS = np.array([False, False, True, False, False, True])  # vz, wz
 

@@ -13,7 +13,7 @@ from ..kinematics.task import Task
 from ..laws import Law
 from ..observation.observation import Observation
 from .base import SCHEMES, SchemeOutput
-from .feature_scheme_base import FeatureSchemeBase
+from .feature_scheme import FeatureSchemeBase
 
 GAIN = 1.0  # gain of the predicted approach if the law has no `gain`, 1/s
 

@@ -168,6 +168,7 @@ class DynamicArm(Plant):
         self.outputs = frozenset((kind,))
         self._controllers = list(controllers.values())
         self._readings: list[Reading] = []
+        # targets and occluders whose poses `advance` sets at every step
         self._moving_models: list[tuple[TargetModel, Model]] = []
         self._peak_speed = np.zeros(len(self.joint_names)) if record_peak_speeds else None
         self._exposures = [] if not imaging_settings else make_exposure_schedules(
@@ -184,7 +185,12 @@ class DynamicArm(Plant):
             world_file.populate(self._simulation.spawn, surroundings)
             self._spawn(robot, description, name, own, joints)
             for target_model in target_models:
-                self._place_target(target_model)
+                model = self._simulation.spawn(
+                    _parse_target(target_model.urdf), target_model.name,
+                    target_model.compute_pose(0.0),
+                )  # fmt: skip
+                if not target_model.is_static:
+                    self._moving_models.append((target_model, model))
             self._tracked_link = tracked_link
             self._record_target_pose()
             self._labels = None
@@ -197,11 +203,7 @@ class DynamicArm(Plant):
             raise ExperimentError(str(error)) from error
 
     def _spawn(
-        self,
-        robot: Robot,
-        description: Any,
-        camera: str,
-        settings: Mapping[str, Any],
+        self, robot: Robot, description: Any, camera: str, settings: Mapping[str, Any],
         joints: Mapping[str, float],
     ) -> None:
         simulation, spec = self._simulation, robot.spec
@@ -230,13 +232,6 @@ class DynamicArm(Plant):
         self._link_T_camera = np.array(mounted.parent_T_optical)
         self._carrier = robot.find_target_frame(self._name)
         self.camera = cameras.read_camera_model(mounted.sensor.info)
-
-    def _place_target(self, target: TargetModel) -> None:
-        """Spawn a target; if it moves, `advance` sets its pose at every step."""
-        described = _parse_target(target.urdf)
-        model = self._simulation.spawn(described, target.name, target.compute_pose(0.0))
-        if not target.is_static:
-            self._moving_models.append((target, model))
 
     @property
     def time_ns(self) -> int:

@@ -161,14 +161,11 @@ class ImagingSettings:
             outline = None
         if outline is not None and self.is_clipped(outline, target_T_camera):
             return np.full((self.camera.height, self.camera.width), cameras.WHITE_LEVEL, np.uint8)
-        image = self._draw_outline(
-            outline, target_T_camera, is_present(self.occlusion_times, stamp_ns / NANOSECONDS)
-        )
-        return (
-            image
-            if self.blind_mask is None
-            else np.where(self.blind_mask, np.uint8(cameras.DARK_LEVEL), image)
-        )
+        is_occluded = is_present(self.occlusion_times, stamp_ns / NANOSECONDS)
+        image = self._draw_outline(outline, target_T_camera, is_occluded)
+        if self.blind_mask is None:
+            return image
+        return np.where(self.blind_mask, np.uint8(cameras.DARK_LEVEL), image)
 
     def add_jitter(
         self, pixels: np.ndarray | None, random: np.random.Generator, is_closed: bool = False

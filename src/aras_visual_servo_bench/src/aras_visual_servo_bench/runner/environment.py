@@ -42,26 +42,7 @@ class ExternalTwistScheme(Scheme):
         super().__init__(inner.law)
         self.inner = inner
         self.twist = np.zeros(6)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the inner scheme's features."""
-        return self.inner.names
-
-    @property
-    def tolerances(self) -> tuple[float, ...]:
-        """Tolerances of the inner scheme's features."""
-        return tuple(self.inner.tolerances)
-
-    @property
-    def needs(self) -> frozenset:
-        """Data that the inner scheme needs."""
-        return self.inner.needs
-
-    @property
-    def cameras(self) -> tuple[str, ...]:
-        """Cameras that the inner scheme reads."""
-        return tuple(self.inner.cameras)
+        self._describe()
 
     def get_needs(self, *cameras: str) -> frozenset:
         """Return the data that the inner scheme needs from the cameras `cameras`."""
@@ -74,11 +55,17 @@ class ExternalTwistScheme(Scheme):
     def check(self, goal: Goal) -> None:
         """Check the goal with the inner scheme."""
         self.inner.check(goal)
+        self._describe()
 
     def reset(self) -> None:
         """Reset the inner scheme, and set the twist to zero."""
         self.inner.reset()
         self.twist = np.zeros(6)
+
+    def _describe(self) -> None:
+        """Copy the description of the inner scheme, which can depend on the goal."""
+        self.names, self.tolerances = self.inner.names, tuple(self.inner.tolerances)
+        self.needs, self.cameras = self.inner.needs, tuple(self.inner.cameras)
 
     def compute(self, observation: Observation, goal: Goal, t: float) -> SchemeOutput:
         """Compute the output of the inner scheme, and replace the task in it by the external twist.

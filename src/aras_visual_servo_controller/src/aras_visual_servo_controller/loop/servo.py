@@ -158,13 +158,10 @@ class Servo(ServoStateMachine):
         return ""
 
     def _commit(
-        self,
-        observation: Observation,
-        joints: JointSample,
-        scheme_output: SchemeOutput,
-        solution: IKSolution | None,
-        seconds: float,
+        self, observation: Observation, joints: JointSample, scheme_output: SchemeOutput,
+        solution: IKSolution | None, seconds: float,
     ) -> ServoState:
+        """Execute the task of an image, and check whether the camera has arrived."""
         stamp = observation.stamp
         self._is_paused, self._fault = False, ""
         self._has_new_answer = True
@@ -176,18 +173,16 @@ class Servo(ServoStateMachine):
             scheme_output, observation, self.goal, self.scheme, solution
         )
         self.phase = CONVERGED if arrived.is_reached else SERVOING
-        reasons = [] if solution is None else list(solution.reasons)
-        reasons += [
-            t
-            for t in (dropped, *scheme_output.notes, self._lag_reason, arrived.pending_reason)
-            if t
-        ]
+        reasons = [
+            *(() if solution is None else solution.reasons), dropped, *scheme_output.notes,
+            self._lag_reason, arrived.pending_reason,
+        ]  # fmt: skip
         if seconds > self._period > 0.0:
             reasons.append(
                 f"scheme {self.name} took {seconds:.3f} s, longer than the image period of "
                 f"{self._period:.3f} s"
             )
-        self.reason = "; ".join(dict.fromkeys(reasons))
+        self.reason = "; ".join(text for text in dict.fromkeys(reasons) if text)
         return self._record(
             observation, joints, scheme_output, solution, seconds, arrival_status=arrived
         )

@@ -143,34 +143,26 @@ class JointHistory(SampleBuffer):
             before -= 1
         after = before + 1
         has_after = after < len(stamps) and not earlier_only
-        if before < 0:
-            return self._extrapolate(after, stamp) if has_after else None
-        if stamps[before] == stamp:
-            return self._make_sample(before)
-        if not has_after:
-            return self._extrapolate(before, stamp)
-        since, until = stamp - stamps[before], stamps[after] - stamp
-        part = since / (stamps[after] - stamps[before])
-        row = rows[before] + part * (rows[after] - rows[before])
-        return _make_joint_sample(stamp, self._names, row, self._is_far(min(since, until)))
-
-    def _extrapolate(self, k: int, stamp: float) -> JointSample | None:
-        """Extrapolate sample k to `stamp` (s); return None if the sample is more than MAX_AGE away.
-        """
-        dt, (positions, velocities) = stamp - self._stamps[k], self._rows[k]
-        if abs(dt) > MAX_AGE:
+        if before < 0 and not has_after:
             return None
-        row = np.array((positions + dt * velocities, velocities))
-        return _make_joint_sample(stamp, self._names, row, self._is_far(abs(dt)))
-
-    def _is_far(self, distance: float) -> bool:
-        """Return whether a time difference (s) to a sample is too large to extrapolate.
-
-        Return False if there is only one sample, because the period is unknown.
-        """
-        return (
-            len(self._stamps) > 1 and distance > MAX_PERIODS * self._estimate_period() + ROUNDING
+        if before >= 0 and stamps[before] == stamp:
+            return self._make_sample(before)
+        if before >= 0 and has_after:
+            since, until = stamp - stamps[before], stamps[after] - stamp
+            part = since / (stamps[after] - stamps[before])
+            row = rows[before] + part * (rows[after] - rows[before])
+            distance = min(since, until)
+        else:  # extrapolate from the only sample on one side
+            nearest = max(before, 0)
+            dt, (positions, velocities) = stamp - stamps[nearest], rows[nearest]
+            row, distance = np.array((positions + dt * velocities, velocities)), abs(dt)
+            if distance > MAX_AGE:
+                return None
+        # The period is unknown if there is only one sample.
+        is_uncertain = len(stamps) > 1 and (
+            distance > MAX_PERIODS * self._estimate_period() + ROUNDING
         )
+        return _make_joint_sample(stamp, self._names, row, is_uncertain)
 
     def _estimate_period(self) -> float:
         """Return the median period of the latest samples, s; needs at least two samples."""

@@ -213,9 +213,12 @@ class FeatureScheme(FeatureSchemeBase):
             filtered = self._filter_error(filtered, observation.stamp)
         # factors that convert a twist with the goal's distance as unit of length to m and rad
         scale = np.array((goal.distance,) * 3 + (1.0,) * 3)
-        camera_error = scale * _compute_pseudo_inverse_error(
-            modelled * scale, filtered, self.feature.weights
-        )
+        A, b, weights = modelled * scale, filtered, self.feature.weights
+        if weights is not None:
+            A, b = weights[:, None] * A, weights * b
+        if len(A) > 64:  # the normal equations are faster if L has many rows
+            A, b = A.T @ A, A.T @ b
+        camera_error = scale * solve_least_squares(A, b, ROUNDING_TOLERANCE)
         desired_rate = self.law.desired_error_rate(
             filtered, modelled, camera_error, t, observation.dt
         )
@@ -238,7 +241,7 @@ class FeatureScheme(FeatureSchemeBase):
                 L,
                 desired_rate - measured.error_drift,
                 self._modelled,
-                self.feature.weights,
+                weights,
                 goal.distance,
                 **self._estimate_accuracy(L, observation, goal),
             ),
@@ -293,14 +296,3 @@ class FeatureScheme(FeatureSchemeBase):
                 error = value + (1.0 - np.exp(-dt / self.smoothing)) * (error - value)
         self._filter_state = (stamp, error)
         return error
-
-
-def _compute_pseudo_inverse_error(
-    L: np.ndarray, error: np.ndarray, weights: np.ndarray | None
-) -> np.ndarray:
-    """Return L^+ error (6,), which is computed from the normal equations if L has many rows."""
-    if weights is not None:
-        L, error = weights[:, None] * L, weights * error
-    if len(L) > 64:
-        L, error = L.T @ L, L.T @ error
-    return solve_least_squares(L, error, ROUNDING_TOLERANCE)

@@ -134,8 +134,16 @@ def check_measurement(feature: Feature, measurement: object) -> FeatureMeasureme
         SchemeError: the measurement is not valid; the message names the class, the value that it
             returned and what is needed.
     """
-    if type(measurement) is FeatureMeasurement and _is_valid(measurement, len(feature.names)):
-        return measurement  # the usual case: all arrays are valid and need no conversion
+    names = len(tuple(feature.names))
+    if (
+        type(measurement) is FeatureMeasurement and measurement.error_summary is None
+        and type(measurement.error_drift) is float and math.isfinite(measurement.error_drift)
+        and type(measurement.notes) is tuple and type(measurement.ambiguity) is str
+    ):  # fmt: skip
+        given = measurement.s, measurement.desired, measurement.error, measurement.L
+        shapes = (names,), (names,), (names,), (names, 6)
+        if all(map(_is_float_array, given, shapes)) and is_measurement_finite(*given):
+            return measurement  # the usual case: all arrays are valid and need no conversion
     where = f"{type(feature).__name__}.measure returned"
     if not isinstance(measurement, FeatureMeasurement):
         if not all(hasattr(measurement, field) for field in ("s", "desired", "error", "L")):
@@ -144,7 +152,7 @@ def check_measurement(feature: Feature, measurement: object) -> FeatureMeasureme
         measurement = FeatureMeasurement(
             **{name: getattr(measurement, name) for name in fields if hasattr(measurement, name)}
         )
-    names, summary = len(tuple(feature.names)), measurement.error_summary
+    summary = measurement.error_summary
     count = names if summary is None else np.size(measurement.error)
     arrays = {
         field: _read_shaped(where, field, getattr(measurement, field), (count,))
@@ -164,19 +172,8 @@ def check_measurement(feature: Feature, measurement: object) -> FeatureMeasureme
     return dataclasses.replace(measurement, **arrays)
 
 
-def _is_valid(measurement: FeatureMeasurement, count: int) -> bool:
-    """Return whether a measurement without `error_summary` has valid arrays for `count` features.
-    """
-    arrays = measurement.s, measurement.desired, measurement.error, measurement.L
-    for array, shape in zip(arrays, ((count,), (count,), (count,), (count, 6)), strict=True):
-        if type(array) is not np.ndarray or array.dtype != float or array.shape != shape:
-            return False
-    return (
-        measurement.error_summary is None
-        and type(measurement.error_drift) is float and math.isfinite(measurement.error_drift)
-        and type(measurement.notes) is tuple and type(measurement.ambiguity) is str
-        and is_measurement_finite(*arrays)
-    )  # fmt: skip
+def _is_float_array(value: object, shape: tuple[int, ...]) -> bool:
+    return type(value) is np.ndarray and value.dtype == float and value.shape == shape
 
 
 def check_array(
@@ -188,7 +185,7 @@ def check_array(
         SchemeError: the value is not valid; the message names the class, the method, the value and
             what is needed.
     """
-    if type(value) is np.ndarray and value.dtype == float and value.shape == shape:
+    if _is_float_array(value, shape):
         flat = value.ravel()
         if are_finite(flat, flat, flat):
             return value  # the usual case: the value is valid and needs no conversion

@@ -14,7 +14,11 @@ from aras_visual_servo_camera.errors import TrackingModelError
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.kernel import compute_outline_kernel_features
 from aras_visual_servo_camera.moments import Moments, Pinhole
-from aras_visual_servo_controller.errors import ConfigurationError, ServoError
+from aras_visual_servo_controller.errors import (
+    ConfigurationError,
+    ServoError,
+    UnreachableError,
+)
 from aras_visual_servo_controller.features.points import Points
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.goals.goal_file import GoalKernel
@@ -220,7 +224,8 @@ def test_the_posture_of_a_goal_is_its_joints_or_found_for_its_pose():
     found = by_pose.find_posture(arm)
     np.testing.assert_allclose(arm.pose(found), goal.world_T_camera, atol=3e-3)
     away = matrix_from_xyz_rpy((9.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    assert replace(by_pose, world_T_camera=away).find_posture(arm) is None
+    with pytest.raises(UnreachableError):
+        replace(by_pose, world_T_camera=away).find_posture(arm)
     assert replace(by_pose, world_T_camera=None).find_posture(arm) is None
     assert goal.find_unreachable_reason(arm) == by_pose.find_unreachable_reason(arm) == ""
     far = replace(by_pose, world_T_camera=away, name="mine")

@@ -238,7 +238,7 @@ def normalise_pixels(
     Returns:
         (m, 2) normalised points; NaN for a pixel outside the range of the assumed lens model.
     """
-    if is_closed and camera != assumed and (camera.is_distorted or assumed.is_distorted):
+    if is_closed and (camera.is_distorted or assumed.is_distorted) and camera != assumed:
         x, y, _ = camera.normalise(*pixels.T)
         pixels = camera.project_points(subdivide(np.column_stack([x, y])))
     if not assumed.is_distorted:

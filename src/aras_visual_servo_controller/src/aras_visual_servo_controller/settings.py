@@ -5,6 +5,7 @@ The node, the offline runner and the tests all construct the loop from these `Co
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -18,7 +19,7 @@ from aras_visual_servo_base.urdf import parse_tree
 from aras_visual_servo_base.yaml_files import read_yaml
 
 from .camera_settings import CameraSettings
-from .errors import ConfigurationError
+from .errors import ConfigurationError, UnreachableError
 from .goals.goal import Goal
 from .goals.starts import find_start_joints
 from .kinematics import Arm, CommandLimits, DifferentialIK, IKSettings
@@ -350,7 +351,10 @@ class ControllerSettings(CameraSettings):
                 slides = np.where(arm.is_prismatic, goal.scale, 1.0)
                 given = values.get(name, getattr(ServoSettings, name))
                 values[name] = tuple((slides * np.asarray(given, float)).tolist())
-        near = goal.find_posture(arm) if isinstance(self.start, Mapping) else None
+        near = None
+        if isinstance(self.start, Mapping):
+            with contextlib.suppress(UnreachableError):
+                near = goal.find_posture(arm)
         start = find_start_joints(self.start, arm, self.package, near)
         values["start"] = None if start is None else tuple(start.tolist())
         return Servo(

@@ -95,7 +95,12 @@ class TargetLink:
 
 
 class DynamicArm(Plant):
-    """Robot arm that is simulated with Bullet, with 1 000 physics steps per second."""
+    """Robot arm that is simulated with Bullet, with 1 000 physics steps per second.
+
+    Attributes:
+        simulation: the simulation, with the models `robot` and `target`; extensions can use it.
+        peak_speed: maximum speed (n,) of each joint over all steps; None if it is not recorded.
+    """
 
     def __init__(
         self,
@@ -143,8 +148,7 @@ class DynamicArm(Plant):
             raise ExperimentError(
                 f"robot.camera: the robot has no camera '{robot.spec.camera}'; it has: {known}"
             )
-        self._name, self._other_cameras = name or CAMERA, other_cameras
-        self.control_camera_name = self._name
+        self.control_camera_name, self._other_cameras = name or CAMERA, other_cameras
         first = mounted[0] if mounted else _make_default_camera(robot.find_optical_frame(""))
         if not (name or mounted and robot.has_camera_on(first.link)):
             # add a camera sensor, because the robot description has none at the optical frame
@@ -153,8 +157,8 @@ class DynamicArm(Plant):
         own: dict[str, Any] = {}
         for part in reversed(find_camera_name(first).split("/")):
             own = {part: own or dict(camera)}
+        # Raise an error if settings are invalid; the simulator would only omit the camera.
         for settings in (camera, *other_cameras.values()):
-            # Raise an error if the settings are invalid; the simulator would only omit the camera.
             cameras.make_camera_model(settings)
         if name:
             described = [_rename_camera(first, new, robot) for new in (name, *other_cameras)]
@@ -162,7 +166,7 @@ class DynamicArm(Plant):
             description = replace(description, cameras=tuple(described))
         else:
             name = find_camera_name(first)
-        self._arm = robot.make_arm(self._name)
+        self._arm = robot.make_arm(self.control_camera_name)
         self.joint_names = self._arm.names
         controllers, kind = robot.find_controllers(self.joint_names)
         self.outputs = frozenset((kind,))
@@ -170,22 +174,22 @@ class DynamicArm(Plant):
         self._readings: list[Reading] = []
         # targets and occluders whose poses `advance` sets at every step
         self._moving_models: list[tuple[TargetModel, Model]] = []
-        self._peak_speed = np.zeros(len(self.joint_names)) if record_peak_speeds else None
+        self.peak_speed = np.zeros(len(self.joint_names)) if record_peak_speeds else None
         self._exposures = [] if not imaging_settings else make_exposure_schedules(
             imaging_settings[0], imaging_settings[1:], np.random.default_rng(seed), seed
         )
         self.vibrations = collect_vibrations(*imaging_settings)
-        self._simulation = Simulation(
+        self.simulation = Simulation(
             SimulationConfig(
                 renderer=renderer, seed=seed, lights=surroundings.lights, scene=surroundings.scene,
                 ground_plane=surroundings.ground_plane, exposure=exposure,
             )
         )
         try:
-            world_file.populate(self._simulation.spawn, surroundings)
+            world_file.populate(self.simulation.spawn, surroundings)
             self._spawn(robot, description, name, own, joints)
             for target_model in target_models:
-                model = self._simulation.spawn(
+                model = self.simulation.spawn(
                     _parse_target(target_model.urdf), target_model.name,
                     target_model.compute_pose(0.0),
                 )  # fmt: skip
@@ -196,7 +200,7 @@ class DynamicArm(Plant):
             self._labels = None
             if labelled_link:
                 self._labels = LabelSegmentation(labelled_link)
-                self._labels.set_links(list_links_by_label(self._simulation.world.models))
+                self._labels.set_links(list_links_by_label(self.simulation.world.models))
                 self._labels.find_target_labels()
         except (SimError, SegmentationError) as error:
             self.close()
@@ -206,7 +210,7 @@ class DynamicArm(Plant):
         self, robot: Robot, description: Any, camera: str, settings: Mapping[str, Any],
         joints: Mapping[str, float],
     ) -> None:
-        simulation, spec = self._simulation, robot.spec
+        simulation, spec = self.simulation, robot.spec
         simulation.spawn(
             description, ROBOT, namespace=spec.namespace, parameters=robot.parameters,
             joint_positions=joints, cameras=settings,
@@ -223,31 +227,25 @@ class DynamicArm(Plant):
         self._robot.manager.get(spec.joint_states).on_state = self._on_joints
         self._command_kind = [self._robot.manager.get(name) for name in self._controllers]
         mounted = simulation.camera(f"/{camera}")
-        for name, spawned in {self._name: mounted, **{
-            name: simulation.camera(f"/{name}") for name in self._other_cameras
-        }}.items():
+        sensors = {name: simulation.camera(f"/{name}") for name in self._other_cameras}
+        for name, spawned in {self.control_camera_name: mounted, **sensors}.items():
             spawned.on_frame, spawned.enabled = partial(self._on_frame, name), not self._exposures
             if spawned.sensor.vibration is not None and not self._exposures:
                 self.vibrations = {**self.vibrations, name: spawned.sensor.vibration}
         self._link_T_camera = np.array(mounted.parent_T_optical)
-        self._carrier = robot.find_target_frame(self._name)
+        self._carrier = robot.find_target_frame(self.control_camera_name)
         self.camera = cameras.read_camera_model(mounted.sensor.info)
 
     @property
     def time_ns(self) -> int:
         """Simulated time, ns."""
-        return self._simulation.time_ns
-
-    @property
-    def simulation(self) -> Simulation:
-        """The simulation, with the models `robot` and `target`; extensions can use it."""
-        return self._simulation
+        return self.simulation.time_ns
 
     def advance(self, until_ns: int) -> list[Reading]:
         """Simulate until the next measurement, or until `until_ns`; see Plant.advance."""
-        simulation, readings = self._simulation, self._readings
+        simulation, readings = self.simulation, self._readings
         step = partial(simulation.step, compiled_controller=self._compiled_controller)
-        if self._peak_speed is not None:
+        if self.peak_speed is not None:
             step = self._step_recording_speeds
         if self._moving_models:
             step = partial(self._step_moving_targets, step)
@@ -306,35 +304,30 @@ class DynamicArm(Plant):
 
     def find_collision(self) -> tuple[str, str] | None:
         """Return a link that collided in the last simulation step, and the model that it hit."""
-        for overlap in find_overlaps(self._simulation.world, self._model):
+        for overlap in find_overlaps(self.simulation.world, self._model):
             return overlap.link, overlap.model
         return None
 
-    @property
-    def peak_speed(self) -> np.ndarray | None:
-        """Maximum speed (n,) of each joint over all steps; None if it is not recorded."""
-        return self._peak_speed
-
     def close(self) -> None:
         """Close the simulation."""
-        self._simulation.close()
+        self.simulation.close()
 
     def _record_target_pose(self) -> None:
         """Record the current pose of the target if it is a link of a model in the world."""
         if self._tracked_link is None:
             return
-        pose = self._simulation.world.models[self._tracked_link.model].link_pose(
+        pose = self.simulation.world.models[self._tracked_link.model].link_pose(
             self._tracked_link.link
         )
         self._tracked_link.pose_history.add(self.time_ns / NANOSECONDS, pose.matrix())
 
     def _step_recording_speeds(self, until_ns: int) -> None:
-        self._simulation.step()
-        np.maximum(self._peak_speed, np.abs(self.read_joints()[1]), out=self._peak_speed)
+        self.simulation.step()
+        np.maximum(self.peak_speed, np.abs(self.read_joints()[1]), out=self.peak_speed)
 
     def _step_moving_targets(self, step: Callable[[int], None], until_ns: int) -> None:
         """Set moving targets and occluders to their poses at the end of the step, then step."""
-        simulation = self._simulation
+        simulation = self.simulation
         time_ns = simulation.time_ns + simulation.step_ns
         for target, model in self._moving_models:
             model.set_pose(target.compute_pose(time_ns / NANOSECONDS))
@@ -342,7 +335,7 @@ class DynamicArm(Plant):
 
     def _step_exposing(self, step: Callable[[int], None], until_ns: int) -> None:
         """Make a step; make the exposures that are due in it, at interpolated camera poses."""
-        due, simulation = min(e.due_ns for e in self._exposures), self._simulation
+        due, simulation = min(e.due_ns for e in self._exposures), self.simulation
         start = simulation.time_ns
         end = start + simulation.step_ns
         if end < due:

@@ -259,28 +259,25 @@ class Goal:
     def find_posture(self, arm: Arm) -> np.ndarray | None:
         """Return joints (n,) at the goal: the stored ones, or a solution for the goal's pose.
 
-        Return None if there are neither joints nor a solution.
+        Return None if there are neither joints nor a pose. An error of the pose within
+        REACH_TOLERANCE is accepted, because an arm with fewer than six joints rarely reaches a pose
+        exactly.
+
+        Raises:
+            UnreachableError: there is no solution.
         """
         if self.joints or self.world_T_camera is None:
             return self.get_joints(arm.names)
-        try:
-            return arm.inverse_kinematics(
-                self.world_T_camera, np.zeros(len(arm.names)), REACH_TOLERANCE
-            )
-        except UnreachableError:
-            return None
+        start = np.zeros(len(arm.names))
+        return arm.inverse_kinematics(self.world_T_camera, start, REACH_TOLERANCE)
 
     def find_unreachable_reason(self, arm: Arm) -> str:
         """Describe why the arm cannot reach the goal's pose.
 
-        Return an empty text if the arm can reach the pose, or if the goal contains joints. An error
-        within REACH_TOLERANCE is accepted, because an arm with fewer than six joints rarely reaches
-        a pose exactly.
+        Return an empty text if the arm can reach the pose, or if the goal contains joints.
         """
-        if self.joints or self.world_T_camera is None:
-            return ""
         try:
-            arm.inverse_kinematics(self.world_T_camera, np.zeros(len(arm.names)), REACH_TOLERANCE)
+            self.find_posture(arm)
         except UnreachableError as error:
             return f"{self.name}: {error}"
         return ""

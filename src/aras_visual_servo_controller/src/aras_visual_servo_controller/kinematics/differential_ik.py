@@ -32,7 +32,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -141,11 +141,15 @@ class DifferentialIK:
         self.elbows = tuple(find_elbows(arm) if elbows is None else elbows)
         self.goal: np.ndarray | None = None
         self._scale = np.array([1.0] * 3 + [self.settings.length] * 3)
-        self.setting_values = np.array(astuple(self.settings))
+        self.setting_values = np.array(list(vars(self.settings).values()))
         units = np.where(arm.is_prismatic, self.settings.prismatic_unit, 1.0)
-        self.limit_rows = np.array([*astuple(self.limits)[1:], units], float)
-        self.has_acceleration_limits = bool(np.isfinite(self.limits.acceleration).any())
-        self.elbow_rows = np.array([astuple(elbow) for elbow in self.elbows], float).reshape(-1, 7)
+        bounds = self.limits
+        self.limit_rows = np.array([
+            bounds.lower, bounds.upper, bounds.velocity, bounds.acceleration, units,
+        ], float)  # fmt: skip
+        self.has_acceleration_limits = bool(np.isfinite(bounds.acceleration).any())
+        self.elbow_rows = np.array([list(vars(elbow).values()) for elbow in self.elbows], float)
+        self.elbow_rows = self.elbow_rows.reshape(-1, 7)
         range_tasks: list[JointRangeTask] = []
         if self.tasks:
             from .secondary_tasks import JointRangeTask

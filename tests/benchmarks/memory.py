@@ -50,7 +50,7 @@ def experiment(plant: str, number: int) -> Experiment:
         "plant": plant,
         "features": "exact" if plant == "ideal" or number % 3 == 0 else "images",
         "scheme": "points",
-        "duration": 0.8,
+        "duration": 0.5,
         "gain": 5.0,
         "controller_parameters": {"hold": 0.1},
         "camera": camera,

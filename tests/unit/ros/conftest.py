@@ -18,6 +18,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Iterator
 from io import BytesIO
 from pathlib import Path
@@ -359,12 +360,14 @@ class Start:
 class Life(Start):
     """Life cycle of a node: its start, the wall time while it sleeps, and its shutdown.
 
-    While it sleeps the next of `steps` is done; after the last one the node is shut down.
+    While it sleeps the next of `steps` is done; after the last one the node is shut down. Threads
+    that the node starts sleep without a step.
     """
 
     def __init__(self, graph: Graph, monkeypatch: pytest.MonkeyPatch, logs: Path) -> None:
         super().__init__(graph, monkeypatch, logs)
         self.now = 100.0
+        self._thread, self._sleep = threading.get_ident(), time.sleep
         self.slept: list[float] = []
         self.steps: list[Callable[[], object]] = []
         self.waited: list[tuple[str, float]] = []
@@ -375,6 +378,9 @@ class Life(Start):
         monkeypatch.setattr(rospy, "wait_for_service", self._wait)
 
     def sleep(self, seconds: float) -> None:
+        if threading.get_ident() != self._thread:
+            self._sleep(0.01)
+            return
         self.slept.append(seconds)
         self.now += seconds
         if self.steps:

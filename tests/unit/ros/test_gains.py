@@ -1,7 +1,5 @@
 """Gains by dynamic_reconfigure: an invalid gain changes nothing and is not clamped."""
 
-from types import SimpleNamespace
-
 import pytest
 from dynamic_reconfigure.msg import Config, DoubleParameter
 
@@ -10,6 +8,8 @@ from aras_visual_servo_controller.laws.sliding_mode import SlidingMode
 from aras_visual_servo_controller.laws.wrappers import Ramp
 from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
 from aras_visual_servo_controller.ros import reconfigure
+from aras_visual_servo_controller.ros.controller_node import ControllerNode
+from aras_visual_servo_controller.settings import ControllerSettings
 
 
 @pytest.fixture
@@ -17,7 +17,8 @@ def served(graph, hear_with):
     """Function that serves the gains of a law; it returns what sets them, and their limits."""
 
     def serve(law):
-        owner = SimpleNamespace(runner=hear_with(FeatureObserver(None)))
+        owner = ControllerNode(ControllerSettings(), {})
+        owner.runner = hear_with(FeatureObserver(None))
         owner.runner.servo.scheme.law = law
         reconfigure.GainServer(owner)
         (described,) = graph.publishers["/unnamed/gains/parameter_descriptions"].sent

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from types import SimpleNamespace
 
 import genpy.message
 import numpy as np
@@ -27,7 +26,7 @@ from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Header
 
 from aras_sim_bridge import sensors
-from aras_sim_bridge.description import SensorDescription
+from aras_sim_bridge.description import SensorDescription, parse_urdf
 from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.ros.sensors import SensorTopic
 from aras_visual_servo_base import poses
@@ -35,17 +34,21 @@ from aras_visual_servo_base import poses
 STAMP = 3_000_000_004
 HEAD = Header(1, Time(3, 4), "lens")
 TURN = (0.5, -0.5, 0.1, 0.7)
-MODEL = SimpleNamespace(
-    name="rig", description=SimpleNamespace(joints={"wrist": SimpleNamespace(parent="arm")})
-)
+RIG = """<robot name="rig"><link name="arm"/><link name="hand"/>
+  <joint name="wrist" type="fixed"><parent link="arm"/><child link="hand"/></joint></robot>"""
 
 
-MODEL.main_model = MODEL
+@pytest.fixture
+def sensor(thread):
+    """Factory: a sensor of this kind at the hand of a model named `rig`."""
+    simulation = thread.simulation
+    model = thread.call(lambda: simulation.spawn(parse_urdf(RIG), "rig"))
 
+    def make(kind: str, topic: str = "t", **more: object) -> sensors.PeriodicSensor:
+        settings = SensorDescription(kind, topic, **{"link": "hand", "joint": "wrist", **more})
+        return thread.call(lambda: sensors.KINDS[kind](settings, model, simulation.world, 0))
 
-def sensor(kind: str, topic: str = "t", **more: object) -> SimpleNamespace:
-    description = SensorDescription(kind, topic, **{"link": "hand", "joint": "wrist", **more})
-    return SimpleNamespace(description=description, model=MODEL, on_state=None)
+    return make
 
 
 def diagonal(size: int, value: float) -> list[float]:
@@ -98,7 +101,7 @@ IMU = Imu(HEAD, Quaternion(*TURN), diagonal(3, 0.25), Vector3(1, 2, 3), diagonal
     ])),
 ])
 def test_a_reading_is_told_in_every_field_while_somebody_listens(
-    graph, thread, kind, reading, message
+    graph, thread, sensor, kind, reading, message
 ):
     told = sensor(kind, frame="lens", noise=0.5)
     topic = SensorTopic(told, thread)
@@ -127,7 +130,7 @@ def test_a_reading_is_told_in_every_field_while_somebody_listens(
     ({"wrench_frame": "sensor"}, "/t", "hand"),
     ({"wrench_frame": "parent", "frame": "lens"}, "/t", "lens"),
 ])
-def test_names_and_frames(graph, thread, given, topic, frame):
+def test_names_and_frames(graph, thread, sensor, given, topic, frame):
     graph.parameters["/a/tf_prefix"] = "x"
     one = sensor("wrench", **given)
     SensorTopic(one, thread)
@@ -137,7 +140,7 @@ def test_names_and_frames(graph, thread, given, topic, frame):
     assert WrenchStamped().deserialize(listener.heard.recv(999)[4:]).header.frame_id == frame
 
 
-def test_a_package_that_is_not_installed_is_named(graph, thread, monkeypatch):
+def test_a_package_that_is_not_installed_is_named(graph, thread, sensor, monkeypatch):
     for module in (genpy.message, roslib.message):
         monkeypatch.setattr(module, "_message_class_cache", {}, raising=False)
     for name in ("nav_msgs", "nav_msgs.msg"):

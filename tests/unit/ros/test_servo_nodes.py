@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import copy
 import threading
+import time
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import rospy
+from actionlib_msgs.msg import GoalID, GoalStatus
 from aras_visual_servo_camera.msg import ImageMoments, KernelFeatures
-from run_messages import ARM, JOINTS, K, joint_states, made_state, position
+from aras_visual_servo_controller.msg import ServoToTargetActionGoal, ServoToTargetGoal
+from run_messages import ARM, JOINTS, SETTINGS, K, joint_states, made_state, position
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo, Image, JointState
 from std_msgs.msg import Bool, String
@@ -30,6 +32,7 @@ from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
 from aras_visual_servo_controller.observation.observation import Need
 from aras_visual_servo_controller.parameters import CameraEntry
+from aras_visual_servo_controller.records.outcomes import make_outcome
 from aras_visual_servo_controller.records.state import ImageSource
 from aras_visual_servo_controller.ros import (
     controller_node,
@@ -370,134 +373,146 @@ def test_a_controller_is_stopped_where_there_is_one(graph, life):
 # -- what others ask of the loop -------------------------------------------------------------------
 
 
-class Server:
-    """Replacement of actionlib's server."""
-
-    def __init__(self, name, kind, execute, auto_start):
-        self.given, self.execute, self.started = (name, kind, auto_start), execute, False
-        self.ended, self.feedback, self.preempted, self.statuses = [], [], False, 0
-        self.action_server = SimpleNamespace(
-            status_timer=SimpleNamespace(shutdown=lambda: self.ended.append("timer")),
-            publish_status=self._status)
-
-    def _status(self):
-        self.statuses += 1
-        if self.statuses == 2:
-            raise rospy.ROSException("closed")
-
-    def start(self):
-        self.started = True
-
-    def is_preempt_requested(self):
-        return self.preempted
-
-    def publish_feedback(self, message):
-        self.feedback.append(message)
-
-    def __getattr__(self, name):
-        return lambda result: self.ended.append((name, result))
+@pytest.fixture
+def end_threads(monkeypatch):
+    """End the node, and wait for the threads that it has started."""
+    before = set(threading.enumerate())
+    yield
+    monkeypatch.setattr(rospy, "is_shutdown", lambda: True)
+    for thread in set(threading.enumerate()) - before:
+        if thread.name != "signals":  # which ends with the process
+            thread.join(10.0)
+            assert not thread.is_alive()
 
 
 @pytest.fixture
-def asked(graph, life, monkeypatch):
-    done = []
-    outcome = SimpleNamespace(kind="running", reason="", remedy="")
-    servo = SimpleNamespace(phase="servoing", outcome=outcome, reason="")
-    driver = SimpleNamespace(servo=servo, done=done, **{
-        name: lambda *words, n=name: done.append((n, *words))
-        for name in ("start", "stop", "hold")})
-    owner = SimpleNamespace(runner=driver, publisher=SimpleNamespace(latest_state=None))
-    made = []
-    monkeypatch.setattr(loop_services, "SimpleActionServer", lambda *given, **more: (
-        made.append(Server(*given, **more)), made[-1])[1])
-    with monkeypatch.context() as patch:
-        patch.setattr(threading, "Thread", life.thread)
-        loop_services.LoopServices("/two", owner)
-    owner.server, owner.life = made[0], life
+def served(graph, start, face, hear_with, end_threads):
+    """Controller node with a loop of the ARAS arm, whose services and action are offered."""
+    owner = controller_node.ControllerNode(SETTINGS, {})
+    owner.runner, owner.publisher = hear_with(observer(Need.MOMENTS)), face
+    owner.runner.stop("not started")
+    loop_services.LoopServices("/two", owner)
     return owner
 
 
-def goal(timeout=0.0):
-    return SimpleNamespace(timeout=timeout)
+def wait_for(condition):
+    end = time.monotonic() + 20.0
+    while not (found := condition()):
+        assert time.monotonic() < end
+        time.sleep(0.005)
+    return found
 
 
-def test_services_and_status_of_the_loop(graph, asked):
-    for name in ("start", "stop", "hold"):
+class Client:
+    """Client of the action on the graph in memory."""
+
+    def __init__(self, graph):
+        self.graph = graph
+
+    def send(self, key, timeout=0.0):
+        self.graph.subscribers["/two/servo_to_target/goal"](ServoToTargetActionGoal(
+            goal_id=GoalID(id=key), goal=ServoToTargetGoal(timeout=timeout)))
+
+    def cancel(self, key):
+        self.graph.subscribers["/two/servo_to_target/cancel"](GoalID(id=key))
+
+    def feedback(self):
+        return self.graph.publishers["/two/servo_to_target/feedback"].sent
+
+    def result(self, key):
+        """Return status and result of a goal, once it has ended."""
+        ended = self.graph.publishers["/two/servo_to_target/result"].sent
+        it, = wait_for(lambda: [one for one in ended if one.status.goal_id.id == key])
+        return it.status.status, it.result
+
+
+@pytest.fixture
+def client(graph, served):
+    return Client(graph)
+
+
+def test_services_and_status_of_the_loop(graph, served, hear_with):
+    for name, phase in (("start", "waiting"), ("hold", "holding"), ("stop", "stopped")):
         answer = graph.call(f"/two/controller/{name}")
-        assert answer.success and answer.message == f"{name}: servoing"
+        assert answer.success and answer.message == f"{name}: {phase}"
         assert graph.types[f"/two/controller/{name}"] is Trigger
-    assert asked.runner.done == [("start",), ("stop",), ("hold",)]
-    name, kind, auto = asked.server.given
-    assert (name, kind.__name__, auto) == ("/two/servo_to_target", "ServoToTargetAction", False)
-    assert asked.server.started and asked.server.ended == ["timer"]
-    thread, = asked.life.threads
-    assert (thread.name, thread.daemon, thread.started) == ("status", True, True)
-    asked.life.steps = [lambda: None] * 3
-    thread.target()
-    assert asked.server.statuses == 4 and asked.life.slept == [0.2] * 4
+        assert served.runner.servo.phase == phase
+    served.runner = hear_with(observer(Need.MOMENTS))  # of another robot
+    served.runner.stop()
+    assert graph.call("/two/controller/start").message == "start: waiting"
+    status = graph.publishers["/two/servo_to_target/status"]
+    for _ in range(2):  # while the clock stands still
+        status.sent.clear()
+        wait_for(lambda: status.sent)
+    status.unregister()
+    time.sleep(0.3)
+    assert "status" in [thread.name for thread in threading.enumerate()]
 
 
-def test_an_action_succeeds_when_the_loop_has_converged(asked):
+def test_an_action_succeeds_when_the_loop_has_converged(served, client):
+    served.publisher.report(made_state(0.5, "converged"))  # of before
+    client.send("a")
+    wait_for(lambda: served.runner.servo.phase != "stopped")
     state = made_state(1.0)
-    asked.publisher.latest_state = made_state(0.5, "converged")  # of before
-    last = made_state(2.0, "converged", outcome="converged")
-    asked.life.steps = [lambda: setattr(asked.publisher, "latest_state", state), lambda: None,
-                        lambda: setattr(asked.publisher, "latest_state", last)]
-    asked.server.execute(goal())
-    assert asked.runner.done == [("start",)] and asked.life.slept == [0.05] * 3
-    (_, (name, result)) = asked.server.ended
-    assert (name, result.outcome, result.reason) == ("set_succeeded", "converged", "slow")
+    served.publisher.report(state)
+    wait_for(client.feedback)
+    served.publisher.report(made_state(2.0, "converged", outcome="converged"))
+    status, result = client.result("a")
+    assert (status, result.outcome, result.reason) == (GoalStatus.SUCCEEDED, "converged", "slow")
     last = made_state(2.0).scheme_output
     assert list(result.feature_names) == list(last.names)
     np.testing.assert_allclose(result.error, last.error)
-    first = asked.server.feedback[0]
+    first = client.feedback()[0].feedback
     assert (first.phase, first.outcome, first.rank) == ("servoing", "running", 2)
     np.testing.assert_allclose(first.error, state.scheme_output.error)
     np.testing.assert_allclose(first.margins, state.ik_solution.margins)
     assert list(first.feature_names) == list(state.scheme_output.names)
 
 
-def test_an_action_ends_as_the_loop_or_somebody_wants(asked):
-    servo, server = asked.runner.servo, asked.server
-    server.preempted = True
-    server.execute(goal())
-    assert asked.runner.done == [("start",), ("stop", "preempted")]
-    name, result = server.ended[-1]
-    assert (name, result.outcome, result.reason, result.remedy) == (
-        "set_preempted", "stopped", "preempted", "")
-    assert list(result.feature_names) == []
-    server.preempted, servo.phase, servo.reason = False, "stopped", "by hand"
-    servo.outcome.kind, servo.outcome.remedy = "lost", "look"
-    server.execute(goal())
-    name, result = server.ended[-1]
-    assert (name, result.outcome, result.reason, result.remedy) == (
-        "set_aborted", "lost", "by hand", "look")
-    servo.outcome.reason = "no image"
-    server.execute(goal())
-    assert server.ended[-1][1].reason == "no image"
-    assert not server.feedback
+def test_an_action_ends_as_the_loop_or_somebody_wants(served, client):
+    servo = served.runner.servo
+    client.send("cancelled")
+    wait_for(lambda: servo.phase != "stopped")
+    client.cancel("cancelled")
+    status, result = client.result("cancelled")
+    assert (status, result.outcome, result.reason, result.remedy) == (
+        GoalStatus.PREEMPTED, "stopped", "preempted", "")
+    assert list(result.feature_names) == [] and servo.phase == "stopped"
+    client.send("stopped")
+    wait_for(lambda: servo.phase != "stopped")
+    served.runner.stop("by hand")
+    status, result = client.result("stopped")
+    assert (status, result.outcome, result.reason) == (
+        GoalStatus.ABORTED, servo.outcome.kind, "by hand")
+    assert not client.feedback()
 
 
-@pytest.mark.parametrize(("kind", "reason", "told"), [
-    ("running", "", ("timed_out", "not converged within 0.2 s")),
-    ("stuck", "a limit", ("stuck", "a limit"))])
-def test_an_action_has_its_time(asked, kind, reason, told):
-    asked.runner.servo.outcome = SimpleNamespace(kind=kind, reason=reason, remedy="fix it")
-    asked.life.steps = [lambda: None] * 9
-    asked.server.execute(goal(0.2))
-    name, result = asked.server.ended[-1]
-    assert (name, result.outcome, result.reason, result.remedy) == ("set_aborted", *told, "fix it")
-    assert 4 <= len(asked.life.slept) <= 5
-    assert asked.runner.done[-1] == ("stop", "the timeout of the action goal has expired")
+@pytest.mark.parametrize("known", [False, True])
+def test_an_action_has_its_time(graph, served, client, known):
+    servo = served.runner.servo
+    client.send("a", 0.2)
+    wait_for(lambda: servo.phase != "stopped")
+    found = make_outcome("too_few_images", "a gap")
+    if known:
+        served.runner.apply_change(lambda loop: loop.hold("a gap", found))
+    time.sleep(0.2)
+    graph.wall_time += 0.19
+    time.sleep(0.2)
+    assert servo.phase != "stopped"
+    graph.wall_time += 0.02
+    status, result = client.result("a")
+    expected = (("too_few_images", "a gap", found.remedy) if known else
+                ("timed_out", "not converged within 0.2 s", ""))
+    assert (status, result.outcome, result.reason, result.remedy) == (
+        GoalStatus.ABORTED, *expected)
+    assert (servo.phase, servo.reason) == (
+        "stopped", "the timeout of the action goal has expired")
 
 
 # -- the controller node ---------------------------------------------------------------------------
 
 
-def test_the_controller_is_built_for_the_robot_and_anew_for_another(graph, life, monkeypatch):
-    made = []
-    monkeypatch.setattr(controller_node, "LoopServices", lambda *given: (
-        made.append(("control", *given)), "served")[1])
+def test_the_controller_is_built_for_the_robot_and_anew_for_another(graph, life, end_threads):
     urdf = Robot(RobotSpec()).urdf
     stop = "<gazebo><plugin><eStopTopic>halt</eStopTopic></plugin></gazebo></robot>"
     urdf = urdf.replace("</robot>", stop)
@@ -512,33 +527,31 @@ def test_the_controller_is_built_for_the_robot_and_anew_for_another(graph, life,
 
     def heard():
         assert "/two/joint_states" in graph.subscribers and "/two/halt" in graph.subscribers
-        found["first"] = graph.publishers["/two/both"]
+        assert "/unnamed/gains/set_parameters" in graph.services
+        found.update(first=graph.publishers["/two/both"], services=dict(graph.services))
 
     def another():
         graph.parameters["/robot_description"] = urdf + " "
-        message = JointState(name=list(found["names"]), position=[0.0] * 6)
+        names = Robot(RobotSpec()).make_arm().names
+        message = JointState(name=list(names), position=[0.0] * 6)
         message.header.stamp = rospy.Time(11)
         graph.subscribers["/two/joint_states"](message)
         life.now += 1.0
 
-    def names():
-        (_, space, owner), = [one for one in made if one[0] == "control"]
-        assert space == "/two" and "/unnamed/gains/set_parameters" in graph.services
-        found.update(names=owner.publisher.names, owner=owner, runner=owner.runner)
-
     found = {}
-    life.steps = [appear, heard, names, another, lambda: None, lambda: None]
+    life.steps = [appear, heard, another, lambda: None, lambda: None]
     assert node.main() == 0
     assert life.begun == [("aras_visual_servo_controller", {"disable_signals": True})]
-    assert len([one for one in made if one[0] == "control"]) == 1
+    assert graph.services == found["services"]
     assert len([line for line in graph.lines if line.startswith("scheme moments, start none")]) == 2
     assert "camera_optical_frame is moved by the joints gantry, J1" in "".join(graph.lines)
-    assert found["owner"].runner is not found["runner"] and found["first"].impl is None
+    assert found["first"].impl is None
     assert 0.02 in life.slept and len(graph.publishers["/two/controller/goal"].sent) == 2
     close, = life.ending
     close()
     assert graph.publishers["/two/both"].sent[-1].data == [0.0] * 6
-    assert found["owner"].runner.servo.phase == "stopped" and "/two/halt" not in graph.subscribers
+    assert graph.call("/two/controller/stop").message == "stop: stopped"
+    assert "/two/halt" not in graph.subscribers
 
 
 # -- the camera node -------------------------------------------------------------------------------

@@ -270,7 +270,53 @@ def painted(bench, tmp_path) -> None:
     bench.box([0.003, 0.25, 0.002], [0.1, 0.0, 0.2], "Gazebo/Green", turned((0.3, 0.2, 1), 0.9))
 
 
-SCENES = {"things": things, "painted": painted}
+def wavy(bench, tmp_path) -> None:
+    """A sheet of small triangles whose normals change a little from corner to corner."""
+    rng, count = np.random.default_rng(6), 12
+    lines = ["mtllib {0}.mtl", "usemtl {0}"]
+    lines += [f"v {0.05 * i - 0.3:.2f} {0.05 * j - 0.3:.2f} {rng.uniform(0.0, 0.01):.4f}"
+              for i, j in np.ndindex(count + 1, count + 1)]
+    lines += ["vn {:.3f} {:.3f} {:.3f}".format(*normal)
+              for normal in 0.15 * rng.normal(size=((count + 1) ** 2, 3)) + [0, 0, 1]]
+    for i, j in np.ndindex(count, count):
+        a = (count + 1) * i + j + 1
+        b = a + count + 1
+        lines += [f"f {a}//{a} {b}//{b} {b + 1}//{b + 1}",
+                  f"f {a}//{a} {b + 1}//{b + 1} {a + 1}//{a + 1}"]
+    bench.body(mesh(tmp_path, "wavy", "\n".join(lines)), [0.05, 0.0, 0.08], "Gazebo/White",
+               turned((1, 0.3, 0.2), 0.1))
+
+
+def needles(bench, tmp_path) -> None:
+    """Ribbons of triangles that are a hundredth of a pixel wide, before and behind planks."""
+    bench.box([0.5, 0.4, 0.02], [0, 0, -0.12], "Gazebo/White", turned((1, 0.3, 0.2), 0.1))
+    lines = ["mtllib {0}.mtl", "usemtl {0}", "vn 0 0 1"]
+    lines += [f"v {x:.5f} {y} 0" for x in np.linspace(-0.015, 0.015, 81) for y in (-0.1, 0.1)]
+    for k in range(1, 160, 2):
+        lines += [f"f {k}//1 {k + 2}//1 {k + 3}//1", f"f {k}//1 {k + 3}//1 {k + 1}//1"]
+    ribbon = mesh(tmp_path, "ribbon", "\n".join(lines))
+    for n, colour in enumerate(("Red", "Black", "Blue", "Red")):
+        x, y = -0.2 + 0.12 * n, 0.04 * (-1) ** n
+        bench.body(ribbon, [x, y, 0.05], f"Gazebo/{colour}", turned((0.1, 0.2, 1), 0.5 * n))
+        bench.box([0.06, 0.02, 0.002], [x + 0.01, y, 0.05 + 0.06 * (-1) ** (n // 2)],
+                  "Gazebo/White", turned((0.2, 0.1, 1), 0.4 * n))
+
+
+def crumbs(bench, tmp_path) -> None:
+    """Triangles smaller than a pixel, some pixels apart, before a plank."""
+    rng = np.random.default_rng(8)
+    bench.box([0.5, 0.4, 0.02], [0, 0, 0.0], "Gazebo/White", turned((1, 0.3, 0.2), 0.1))
+    lines = ["mtllib {0}.mtl", "usemtl {0}", "vn 0 0 1"]
+    for n, (i, j) in enumerate(np.ndindex(12, 12)):
+        turns = rng.uniform(0.0, 2.0 * np.pi) + rng.uniform(-0.5, 0.5, 3) + [0.0, 2.1, 4.2]
+        lines += [f"v {0.04 * i - 0.22 + 0.005 * np.cos(turn):.4f} "
+                  f"{0.04 * j - 0.22 + 0.005 * np.sin(turn):.4f} 0" for turn in turns]
+        lines.append("f " + " ".join(f"{3 * n + k}//1" for k in (1, 2, 3)))
+    bench.body(mesh(tmp_path, "crumbs", "\n".join(lines)), [0.05, 0.0, 0.1], "Gazebo/Black",
+               turned((1, 0.3, 0.2), 0.1))
+
+
+SCENES = {"things": things, "painted": painted, "wavy": wavy, "needles": needles, "crumbs": crumbs}
 LENSES = {
     "pinhole": dict(camera_matrix=(31.0, 36.0, 19.3, 12.8)),
     "long": dict(camera_matrix=(90.0, 80.0, 17.3, 14.8)),
@@ -349,6 +395,21 @@ def test_a_picture_is_what_rays_at_its_triangles_say(
     alike = (np.ptp(places, axis=0) < 6.0).all(axis=1)
     assert (alike & ~glass).sum() < 20 or near > 0.1
     assert 0.08 < edges.mean() < 0.4
+
+
+@pytest.mark.parametrize(("what", "lens", "most"), [
+    ("crumbs", "long", 2.0), ("needles", "pinhole", 3.3)])
+def test_what_is_thinner_than_a_pixel_is_drawn_as_rays_show_it(bench, tmp_path, what, lens, most):
+    """RMS in grey levels; a crumb that is not found, and a needle that shines through, are more."""
+    sensor, view = scene(bench, tmp_path, what, lens, "sun")
+    every = np.ones((view.height, view.width), bool)
+    places, _ = expected(Caster(sensor.renderer), sensor.config.projection, view, SUN, every, 64)
+    assert rms(sensor.renderer.render(view)[every] - places.mean(axis=0)) < most
+
+
+def test_a_sheet_that_is_curved_has_edges_at_its_rim_only(bench, tmp_path):
+    sensor, view = scene(bench, tmp_path, "wavy", "long", "sun")
+    assert resolved(sensor.renderer, view)[1].mean() < 0.35
 
 
 @pytest.mark.parametrize(("lens", "near", "far"), [

@@ -301,6 +301,27 @@ def test_a_bound_on_speed_holds_and_can_be_taken_away(make):
         space.state[1] = 0.0
 
 
+def test_bounds_on_coupled_joints_leave_no_trace_when_they_are_taken_away(make):
+    text = tree_xml(make, 3)
+    space, _ = space_of(text)
+    fresh, _ = space_of(text)
+    slots = range(space.state.shape[1])
+    for slot in slots:
+        space.bound_speed(slot, 0.1)
+    for _ in range(20):
+        space.state[2] = 50.0
+        space.advance(DT)
+    assert (np.abs(space.state[1]) == 0.1).sum() > 3
+    for slot in slots:
+        space.bound_speed(slot, math.inf)
+    fresh.state[:] = space.state
+    for one in (space, fresh):
+        one.state[2] = 50.0
+        one.advance(DT)
+    np.testing.assert_allclose(space.state, fresh.state, rtol=1e-9)
+    assert np.isfinite(fresh.state).all() and (np.abs(fresh.state[1]) > 0.11).any()
+
+
 def test_what_diverges_is_told_at_once(make):
     space, _ = space_of(make.rotor())
     space.state[0] = math.nan

@@ -69,7 +69,6 @@ class Plant:
         self.valid = True
         self.images = self.joints = self.time = True
         self.K = [100.0, 0, 160, 0, 100, 120, 0, 0, 1]
-        self.late = 0.0  # s by which stamps of images are too old
         self.strange: float | None = None  # a position that no joint can have
         self.ticks = self.offset = self._tick = 0
         self._end = threading.Event()
@@ -118,7 +117,7 @@ class Plant:
                 message.header.stamp = stamp
                 self._joints.publish(message)
             if self.images and tick % 3 == 0:
-                self._moments.publish(self._image(stamp - rospy.Duration.from_sec(self.late)))
+                self._moments.publish(self._image(stamp))
 
     def _image(self, stamp: rospy.Time) -> ImageMoments:
         message = image_of(self.arm, self.q, stamp)

@@ -1,9 +1,8 @@
 """Principal axes of inertia tensors; impossible tensors are refused."""
 
-import math
-
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from aras_sim_bridge.description.inertia import inertia_tensor, make_inertial, principal_axes
 from aras_sim_bridge.errors import DescriptionError
@@ -11,27 +10,12 @@ from aras_sim_bridge.world.bullet_files import find_principal_frame
 from aras_visual_servo_base.poses import rotate
 
 
-def about(axis, angle):
-    """(3, 3) rotation about x, y or z, from its definition."""
-    c, s = math.cos(angle), math.sin(angle)
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    R = np.eye(3)
-    R[i, i] = R[j, j] = c
-    R[i, j], R[j, i] = -s, s
-    return R
-
-
-def matrix(rpy):
-    """(3, 3) of URDF's fixed axes: roll about x first, yaw about z last."""
-    return about(2, rpy[2]) @ about(1, rpy[1]) @ about(0, rpy[0])
-
-
 def tensors():
     """Symmetric positive tensors whose eigenvectors come out of numpy as reflections and not."""
     rng = np.random.default_rng(4)
     for _ in range(20):
         moments = np.array([1.0, 1.5, 2.0]) * rng.uniform(0.5, 2)
-        R = matrix(rng.uniform(-3, 3, 3))
+        R = Rotation.from_euler("xyz", rng.uniform(-3, 3, 3)).as_matrix()
         T = R @ np.diag(moments) @ R.T
         yield T[0, 0], T[0, 1], T[0, 2], T[1, 1], T[1, 2], T[2, 2]
 
@@ -61,7 +45,7 @@ def test_what_bullet_gets_is_the_same_tensor_about_the_same_point():
         pose, moments = find_principal_frame(inertial)
         assert pose.xyz == (1.0, 2.0, 3.0)
         R = np.array([rotate(pose.quat, tuple(axis)) for axis in np.eye(3)]).T
-        frame = matrix(rpy)
+        frame = Rotation.from_euler("xyz", rpy).as_matrix()
         np.testing.assert_allclose(R @ np.diag(moments) @ R.T,
                                    frame @ inertia_tensor(inertia) @ frame.T, atol=1e-12)
 

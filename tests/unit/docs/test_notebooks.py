@@ -12,8 +12,11 @@ sys.path.append(str(ROOT / "docs"))
 import run_notebooks  # noqa: E402
 
 # Each notebook, with what makes it shorter than what it shows.
-SHORTER = {"first_servo": {"duration=5.0": "duration=1.5"}, "my_scheme": {},
-           "my_study": {"repeats: 10": "repeats: 2"}}  # fmt: skip
+SHORTER = {
+    "first_servo": {"duration=5.0": "duration=0.9"},
+    "my_scheme": {'Experiment(plant="chain"': 'Experiment(duration=0.5, plant="chain"'},
+    "my_study": {"repeats: 10": "repeats: 2", "duration: 5.0": "duration: 0.5"},
+}
 NAMES = tuple(SHORTER)
 MOST_BYTES = 250_000  # of a notebook with its outputs; the largest has 220 kB
 MOST_LINES = 35  # of output in one cell

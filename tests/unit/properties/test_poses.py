@@ -31,6 +31,9 @@ def rotation_vectors(draw):
 def test_frames_compose(a, b, c):
     np.testing.assert_allclose(poses.inverse(a) @ a, np.eye(4), atol=1e-12)
     np.testing.assert_allclose(poses.relative_pose(a, b), np.linalg.inv(a) @ b, atol=1e-12)
+    distance, angle = poses.pose_difference(a, b)
+    turn = Rotation.from_matrix(a[:3, :3].T @ b[:3, :3]).magnitude()
+    assert (distance, angle) == pytest.approx((np.linalg.norm(a[:3, 3] - b[:3, 3]), turn), abs=1e-7)
     straight = poses.pose_difference(a, c)
     over_b = np.add(poses.pose_difference(a, b), poses.pose_difference(b, c))
     assert (np.array(straight) <= over_b + 1e-7).all()
@@ -44,8 +47,11 @@ def test_roll_pitch_yaw_come_back_as_the_same_attitude(xyz, rpy):
     pose = poses.matrix_from_xyz_rpy(xyz, rpy)
     np.testing.assert_allclose(
         pose[:3, :3], Rotation.from_euler("xyz", rpy).as_matrix(), atol=1e-14)
+    np.testing.assert_allclose(poses.Pose.from_rpy(xyz, rpy).matrix(), pose, atol=1e-14)
     place, angles = poses.xyz_rpy_from_matrix(pose)
-    assert tuple(place) == xyz
+    assert tuple(place) == xyz and all(type(angle) is float for angle in angles)
+    again = poses.Pose(xyz, poses.quaternion_from_rpy(*rpy)).rpy
+    np.testing.assert_allclose(poses.matrix_from_xyz_rpy(place, again), pose, atol=1e-7)
     np.testing.assert_allclose(poses.matrix_from_xyz_rpy(place, angles), pose, atol=1e-7)
     if abs(abs(rpy[1]) - math.pi / 2) > 1e-3:
         np.testing.assert_allclose(poses.matrix_from_xyz_rpy(place, angles), pose, atol=1e-12)
@@ -66,6 +72,8 @@ def test_quaternions_are_scipys(rpy, vector):
 @given(PLACES, rotation_vectors())
 def test_the_logarithm_undoes_the_exponential(velocity, turn):
     moved = poses.exponential((*velocity, *turn))
+    again = Rotation.from_rotvec(poses.rotation_vector(moved[:3, :3])).as_matrix()
+    np.testing.assert_allclose(again, moved[:3, :3], atol=1e-11)
     np.testing.assert_allclose(moved[:3, :3], Rotation.from_rotvec(turn).as_matrix(), atol=1e-12)
     again = poses.exponential(poses.logarithm(moved))
     np.testing.assert_allclose(again, moved, atol=1e-6)

@@ -291,25 +291,6 @@ def test_a_camera_that_looks_along_the_plane_by_kinematics_is_refused(sine, refu
         assert np.isfinite(feature.measure(told, goal).L).all()
 
 
-@pytest.mark.parametrize("turn", [80.0, 190.0])
-def test_corners_are_matched_whichever_comes_first(turn):
-    feature = FEATURES.create("points")
-    goal = taught(feature, view=pose((0, 0, 0.2), (0, 0, 0)))
-    view = pose((0.01, 0, 0.25), np.radians((8.0, 0.0, turn)))
-    straight = feature.measure(look(feature.needs, view), goal)
-    for shift, way in ((3, 1), (5, -1), (0, -1)):
-        feature.reset()
-        shifted = np.roll(OUTLINE, shift, axis=0)[::way]
-        measured = feature.measure(look(feature.needs, view, shifted), goal)
-        np.testing.assert_allclose(measured.s, straight.s, atol=1e-12)
-        assert measured.ambiguity == ""
-    exact = FEATURES.create("points")
-    exact.is_ordered = True
-    np.testing.assert_allclose(
-        straight.s, exact.measure(look(exact.needs, view), goal).s, atol=1e-12
-    )
-
-
 def test_a_square_is_followed_corner_by_corner():
     feature = FEATURES.create("points")
     goal = taught(feature, SQUARE, pose((0, 0, 0.2), (0, 0, 0)))

@@ -165,18 +165,6 @@ def test_an_image_from_before_the_clock_went_back_is_left_over():
     assert told == [False, True]  # a second ahead at most
 
 
-def test_the_clock_going_back_begins_anew():
-    rig = Rig(the_servo("2015"), STARTS["2015"])
-    rig.now = rig.next_tick = rig.next_image = 40.0
-    rig.run(1.0)
-    again = Rig(rig.servo, STARTS["2015"])
-    fresh = Rig(the_servo("2015"), STARTS["2015"])
-    for each in (again, fresh):
-        each.run(1.0)
-    np.testing.assert_array_equal(again.joints, fresh.joints)
-    assert phases(again.states) == phases(fresh.states)
-
-
 def test_stop_start_and_hold():
     rig = Rig(the_servo("2016"), STARTS["2016"])
     rig.run(0.3)

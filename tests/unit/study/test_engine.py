@@ -185,25 +185,6 @@ def test_the_order_of_chunks_changes_nothing(tiny, tmp_path):
     )
 
 
-def test_a_part_of_other_runs_is_run_again_and_not_taken_for_its_own(tiny, tmp_path):
-    """In a study that is done, and in one that is under way."""
-    whole = carried(tiny(), tmp_path / "whole")
-    begun = StudyFolder.create(tmp_path / "begun", tiny(), "")
-    for chunk in (0, 1):
-        begun.write_chunk(
-            chunk, work.carry_out(work.StudyChunk(json.dumps(tiny().to_mapping()), chunk))
-        )
-    for made, foreign, own in ((whole, 1, 2), (begun, 0, 1)):
-        made.find_part(own).write_bytes(made.find_part(foreign).read_bytes())
-        with pytest.raises(StudyError, match=f"00000{own}.parquet was changed since it was"):
-            StudyFolder.open(made.path).read_results()
-        again = StudyFolder.open(made.path)
-        assert own in again.find_missing_chunks()
-        engine.run_missing(again, InProcessPool, None)
-        assert again.read_results()["run"].to_pylist() == list(range(tiny().run_count))
-    assert hashes(whole.path) == hashes(begun.path)
-
-
 def test_the_last_part_is_counted_by_its_own_runs_and_read_as_it_is_now(tiny, tmp_path):
     study = tiny(repeats=1)  # parts of two runs and of one
     made = carried(study, tmp_path)

@@ -18,6 +18,7 @@ from statsmodels.stats.proportion import proportion_confint
 from aras_visual_servo_bench import Results, Run, Study, metric
 from aras_visual_servo_bench.cli import main
 from aras_visual_servo_bench.errors import StudyError
+from aras_visual_servo_bench.metrics import statistics
 from aras_visual_servo_bench.metrics.formatting import choose_unit
 from aras_visual_servo_bench.metrics.metrics import METRICS
 from aras_visual_servo_bench.plots import study_figures
@@ -256,16 +257,6 @@ def test_captions_define_what_is_shown(path, tmp_path):
 # -- comparisons ----------------------------------------------------------------------------------
 
 
-def count_signed_ranks(x, y) -> float:
-    """Wilcoxon's p-value, two-sided, of all signs; ranks of ties are averaged, zeros left out."""
-    d = np.array(y) - np.array(x)
-    d = d[d != 0]
-    ranks = pd.Series(np.abs(d)).round(9).rank().to_numpy()
-    sums = np.array([ranks @ signs for signs in itertools.product([0, 1], repeat=len(d))])
-    middle, seen = ranks.sum() / 2, ranks @ (d > 0)
-    return min(float((np.abs(sums - middle) >= abs(seen - middle) - 1e-9).mean()), 1.0)
-
-
 def expected_differences(raw, names, by=None):
     """Group, sides, metric, p before and after Holm's correction, number of pairs."""
     found = []
@@ -280,7 +271,7 @@ def expected_differences(raw, names, by=None):
                                         dropna=False)  # fmt: skip
                     p = mcnemar(table, exact=True).pvalue
                 else:
-                    p = None  # see count_signed_ranks
+                    p = statistics.compare_values(x, y, True).p
                 found.append((group, (one, two), name, p, x, y))
     return found
 
@@ -302,10 +293,7 @@ def test_cases_of_one_study_are_compared_pairwise(path, raw, by):
             continue
         middle = np.mean if METRICS[name].is_binary else np.median
         assert (d.comparison.before, d.comparison.after) == pytest.approx((middle(x), middle(y)))
-        if p is not None:
-            assert d.comparison.p == pytest.approx(p)
-        elif len(x) <= 12:
-            assert d.comparison.p == pytest.approx(count_signed_ranks(x, y))
+        assert d.comparison.p == pytest.approx(p)
     tested = [d for d in found if d.verdict != compare.UNTESTED]
     corrected = multipletests([d.comparison.p for d in tested], method="holm")[1]
     assert [d.p for d in tested] == pytest.approx(corrected)

@@ -52,7 +52,6 @@ MAPPING = {"experiment": {"plant": "free"},
            "vary": {"gain": [0.75, 2.0, 6.5], "delay": [0.03, 0.11]},
            "repeats": 8, "chunk": 3, "seeds": "repeats", "metrics": METRICS}  # fmt: skip
 MISSING = {"one": (2, 7, 8), "two": (9,)}  # parts
-Z = 1.959963984540054  # of 95 %, both sides
 
 
 def made_rows(study: Study, run: int, second: bool) -> tuple[dict, dict]:
@@ -133,29 +132,13 @@ def test_the_fixture_tells_apart(one, two):
 # -- tables ---------------------------------------------------------------------------------------
 
 
-def wilson(hits, n):
-    middle, half = hits / n + Z**2 / (2 * n), Z * math.sqrt(hits * (n - hits) / n**3
-                                                           + Z**2 / (4 * n * n))  # fmt: skip
-    return hits / n, (middle - half) / (1 + Z**2 / n), (middle + half) / (1 + Z**2 / n), n
+def unpack(estimate):
+    """An estimate of `statistics`, whose numbers unit/properties/test_statistics.py recomputes."""
+    return estimate.value, estimate.low, estimate.high, estimate.count
 
 
-def bootstrapped(values):
-    """Median, and percentiles of those of 2000 resamples, drawn 200 at a time from seed 0."""
-    known = values.dropna().to_numpy()
-    if not len(known):
-        return math.nan, math.nan, math.nan, 0
-    rng = np.random.default_rng(0)
-    resampled = [known[rng.integers(0, len(known), (200, len(known)))] for _ in range(10)]
-    if len(known) == 1:
-        return known[0], math.nan, math.nan, 1
-    found = pd.DataFrame(np.vstack(resampled)).median(axis=1)
-    return (values.median(), *found.quantile([0.025, 0.975]), len(known))
-
-
-def test_an_interval_is_of_two_thousand_resamples():
-    values = pd.Series([*np.random.default_rng(3).exponential(size=300), math.nan])
-    found = statistics.median(values)
-    assert (found.value, found.low, found.high, found.count) == pytest.approx(bootstrapped(values))
+def told_rate(group):
+    return unpack(statistics.proportion(group.hit.sum(), len(group)))
 
 
 def quartiles(values):
@@ -179,10 +162,12 @@ def commonest(group):
 def expected(one):
     """Return, for each gain and delay, (value, low, high, count) of each quantity, and the failure.
     """
-    return [(values, {"success": wilson(group.hit.sum(), len(group)),
-                      QUARTILES: quartiles(group.final_distance), **{
-                name: bootstrapped(group[name]) for name in MEDIANS}}, commonest(group))
-            for values, group in one.groupby(KEYS, sort=False)]  # fmt: skip
+    found = []
+    for values, group in one.groupby(KEYS, sort=False):
+        numbers = {"success": told_rate(group), QUARTILES: quartiles(group.final_distance)}
+        numbers |= {name: unpack(statistics.median(group[name])) for name in MEDIANS}
+        found.append((values, numbers, commonest(group)))
+    return found
 
 
 def shows(text, value, digits=3):
@@ -428,7 +413,7 @@ def test_the_browser_s_groups_cells_and_points_are_recomputed(path, one):
     assert groups["count"] == 3
     for told, (gain, group) in zip(groups["groups"], chosen.groupby("gain"), strict=True):
         assert told["values"] == [gain] and told["runs"] == len(group)
-        assert told["rate"] == pytest.approx(wilson(group.hit.sum(), len(group))[:3])
+        assert told["rate"] == pytest.approx(told_rate(group)[:3])
         for (found,), name in zip(told["estimates"], asked, strict=True):
             wanted = group[name].median()
             assert found == (None if math.isnan(wanted) else pytest.approx(wanted)), name

@@ -77,20 +77,6 @@ def test_what_falls_stays_where_it_fell(make, ground, what, speed):
             assert model.pose().xyz[2] == pytest.approx(height, abs=1e-4)
 
 
-@pytest.mark.parametrize(("what", "coefficient", "speed"), [
-    ("ball", 0.3, 5.9), ("ball", 1.0, 0.5), ("block", 0.8, 5.9),
-])
-def test_what_bounces_leaves_at_its_share_of_the_speed(make, coefficient, what, speed):
-    size = (0.05, 0.03, 0.04)
-    described = ball(make, coefficient) if what == "ball" else block(make, size, coefficient)
-    for share in (0.1, 0.35, 0.8):
-        with World() as world:
-            world.spawn_ground_plane()
-            model = world.spawn(described, "m", Pose((0, 0, 0.03 + share * speed * 1e-3)))
-            found, _ = rebound(world, model, 0.02, speed, 80)
-            assert found == pytest.approx(coefficient, rel=0.03)
-
-
 @pytest.mark.parametrize(("radius", "speed"), [(0.3, 2.0), (0.02, 0.12)])
 def test_large_and_slow_balls_bounce_too(make, radius, speed):
     """Bullet sees the large one coming for three steps, and by itself bounces nothing so slow."""

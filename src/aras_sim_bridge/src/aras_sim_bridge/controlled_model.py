@@ -169,7 +169,7 @@ class CompiledCycles:
         hardware, step_ns = self.robot.hardware, self.step_ns
         count = min(
             int(min(self.until_ns, self.idle_ns) - start_ns) // step_ns,
-            self.world.steps_until_contact,
+            self.world.contact_forecast.steps_until_update,
         )
         self._made, self._end, self._diverged = self.function(
             count, start_ns, step_ns, self.loops, hardware.handle_rows, hardware.drive_rows,

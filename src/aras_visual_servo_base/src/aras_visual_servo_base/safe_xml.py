@@ -222,10 +222,8 @@ def parse_bool(text: str | None, where: str, default: bool) -> bool:
 
 def find_text(element: Element | None, tag: str) -> str | None:
     """Return the stripped text of the child `tag`; None if there is no such child."""
-    if element is None:
-        return None
-    child = element.find(tag)
-    return None if child is None else (child.text or "").strip()
+    text = None if element is None else element.findtext(tag)
+    return None if text is None else text.strip()
 
 
 class ElementReader:

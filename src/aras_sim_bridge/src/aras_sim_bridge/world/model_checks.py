@@ -6,7 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from aras_sim_bridge.description.inertia import principal_axes
 from aras_sim_bridge.description.types import Geometry, Inertial, Link, RobotDescription
 from aras_sim_bridge.errors import UnknownJointError, WorldError
-from aras_visual_servo_base.poses import Pose, check_pose
+from aras_visual_servo_base.pose_checks import check_pose
+from aras_visual_servo_base.poses import Pose
 
 # Largest length (m) and mass (kg) of a model's parts. Beyond this length, coordinates in double
 # precision do not resolve a micrometre, and Bullet's bounding boxes overflow.

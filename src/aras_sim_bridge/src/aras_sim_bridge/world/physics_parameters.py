@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 from aras_sim_bridge.errors import WorldError
 from aras_sim_bridge.world.bullet import pybullet
-from aras_visual_servo_base.poses import Vector3, check_vector
+from aras_visual_servo_base.pose_checks import check_vector
+from aras_visual_servo_base.poses import Vector3
 
 # Smallest time step of the physics, s. Simulated time is counted in whole nanoseconds, so a step
 # must be much longer than 1 ns.

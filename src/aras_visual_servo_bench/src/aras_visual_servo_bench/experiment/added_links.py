@@ -10,9 +10,9 @@ import numpy as np
 
 from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.names import suggest
-from aras_visual_servo_base.poses import xyz_rpy_from_matrix
 from aras_visual_servo_base.urdf import Joint, parse_tree
-from aras_visual_servo_controller.kinematics.arm import find_camera_path
+from aras_visual_servo_base.urdf_changes import add_fixed_joint
+from aras_visual_servo_controller.kinematics.joint_paths import find_camera_path
 
 from ..errors import ExperimentError, catch_setting_errors
 
@@ -76,19 +76,6 @@ def with_frame(
     if last.child not in parse_tree(urdf).links:
         frame, frame_T_child = last.parent, last.pose.matrix() @ frame_T_child
     return with_link(urdf, name, frame, frame_T_child)
-
-
-def _attach(
-    robot: ElementTree.Element, parent: str, child: str, parent_T_child: np.ndarray
-) -> None:
-    """Add a fixed joint between two links, at the pose parent_T_child (4, 4)."""
-    joint = ElementTree.SubElement(robot, "joint", name=f"{child}_joint", type="fixed")
-    ElementTree.SubElement(joint, "parent", link=parent)
-    ElementTree.SubElement(joint, "child", link=child)
-    xyz, rpy = (
-        " ".join(map(repr, map(float, part))) for part in xyz_rpy_from_matrix(parent_T_child)
-    )
-    ElementTree.SubElement(joint, "origin", xyz=xyz, rpy=rpy)
 
 
 def with_target(urdf: str, name: str, target: MountedTarget, where: str) -> str:

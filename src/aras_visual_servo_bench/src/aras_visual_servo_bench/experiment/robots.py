@@ -21,7 +21,6 @@ from aras_visual_servo_base.urdf import parse_tree
 from aras_visual_servo_base.yaml_files import read_text, read_yaml
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.kinematics import Arm
-from aras_visual_servo_controller.kinematics.joint_paths import find_camera_path
 from aras_visual_servo_controller.observation.camera_rig import (
     CameraKinematics,
     FixedCameraKinematics,

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
-from aras_visual_servo_base.settings import describe_unknown_key
+from aras_visual_servo_base.setting_values import describe_unknown_key
 from aras_visual_servo_base.yaml_files import read_yaml
 
 from ..errors import StudyError, make_missing_library_error, read_first_line

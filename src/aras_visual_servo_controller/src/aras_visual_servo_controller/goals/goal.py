@@ -10,13 +10,12 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-import yaml
 
 from aras_visual_servo_base.poses import pose_difference
 from aras_visual_servo_base.yaml_files import parse_yaml, read_text
@@ -25,18 +24,12 @@ from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import MAX_ORDER, Moments
 
-from ..errors import ConfigurationError, ServoError, UnreachableError
+from ..errors import ConfigurationError, ServoError
 from ..kinematics.command_limits import check_within_limits
 from ..observation.camera_rig import CameraKinematics, InverseCameraKinematics
 from ..observation.observation import CAMERA, Observation
 from ..observation.target_geometry import TargetGeometry, ellipse_of
-from .goal_file import (
-    EDGE_ON_COSINE,
-    GoalKernel,
-    make_pose_entry,
-    read_goal_fields,
-    write_goal_text,
-)
+from .goal_file import EDGE_ON_COSINE, GoalKernel, read_goal_fields, write_goal_text
 
 if TYPE_CHECKING:
     from ..kinematics import Arm
@@ -100,18 +93,14 @@ class Goal:
 
     @cached_property
     def distance(self) -> float:
-        """Depth of the target's plane on the optical axis, m, used as the scene's unit of length.
-        """
+        """Depth of the target's plane on the optical axis, m: the scene's unit of length."""
         if self.plane is not None and self.plane.C > 0.0:
             return 1.0 / self.plane.C
         return self.depth or DEFAULT_DEPTH
 
     @property
     def scale(self) -> float:
-        """Ratio of the target's depth to DEFAULT_DEPTH.
-
-        Lengths in settings are meant for DEFAULT_DEPTH and are multiplied by this ratio.
-        """
+        """Factor of lengths in settings, which are meant for a target at DEFAULT_DEPTH."""
         return self.distance / DEFAULT_DEPTH
 
     def check_depth(self, plane_suffices: bool = False) -> None:
@@ -131,10 +120,7 @@ class Goal:
 
     @cached_property
     def cameras(self) -> dict[str, Goal]:
-        """Return the goal of each camera, by camera name.
-
-        The first goal is this one, which belongs to the control camera.
-        """
+        """Goal of each camera, by name; the first is this one, of the control camera."""
         return {self.camera_name: self, **self.other_cameras}
 
     @classmethod
@@ -161,9 +147,8 @@ class Goal:
         """
         if not observation.valid:
             by = f" by camera {observation.name}" if observation.name != CAMERA else ""
-            raise ConfigurationError(
-                f"{name}: the target is not detected{by}: {observation.reason}"
-            )
+            reason = f"the target is not detected{by}: {observation.reason}"
+            raise ConfigurationError(f"{name}: {reason}")
         try:
             taught = {} if scheme is None else {
                 key: dict(entry) for key, entry in scheme.teach(observation).items()
@@ -217,9 +202,7 @@ class Goal:
             ConfigurationError: the arm does not have one of the joints, a joint is missing or
                 beyond its limits, or the camera's mounting has changed since teaching.
         """
-        goal = self
-        if self.joints:
-            goal = self._compute_pose(arm)
+        goal = self._compute_pose(arm) if self.joints else self
         if goal.plane is None and goal.world_T_camera is not None and goal.depth is not None:
             goal = replace(goal, plane=goal.make_level_plane())
         return goal
@@ -270,17 +253,6 @@ class Goal:
             return self.get_joints(arm.names)
         start = np.zeros(len(arm.names))
         return arm.inverse_kinematics(self.world_T_camera, start, REACH_TOLERANCE)
-
-    def find_unreachable_reason(self, arm: Arm) -> str:
-        """Describe why the arm cannot reach the goal's pose.
-
-        Return an empty text if the arm can reach the pose, or if the goal contains joints.
-        """
-        try:
-            self.find_posture(arm)
-        except UnreachableError as error:
-            return f"{self.name}: {error}"
-        return ""
 
     def make_level_plane(self) -> Plane:
         """Return the horizontal target plane (normal along the base's z) at the goal's depth.
@@ -405,35 +377,22 @@ class Goal:
         """Create a goal from a mapping that was read from YAML, and check it.
 
         Raises:
-            ConfigurationError: an entry is wrong; the message names the key, the error and the
-                expected value.
+            ConfigurationError: an entry is wrong; the message names the key and what it must be.
         """
-        fields = read_goal_fields(data, name)
-        others = data.get("cameras") or {}
-        return cls(name, **fields, other_cameras={
-            camera: replace(cls.from_mapping(entry, f"{name}: cameras.{camera}"),
-                camera_name=camera)
-            for camera, entry in others.items()
-        })  # fmt: skip
+        goal, others = cls(name, **read_goal_fields(data, name)), {}
+        for camera, entry in (data.get("cameras") or {}).items():
+            other = cls.from_mapping(entry, f"{name}: cameras.{camera}")
+            others[camera] = replace(other, camera_name=camera)
+        return replace(goal, other_cameras=others)
 
     def to_yaml(self, heading: str = "") -> str:
         """Return the text of the goal file, with `heading` as a comment at its top."""
-        return write_goal_text({
-            "joints": self.joints,
-            "camera_pose": make_pose_entry(self.world_T_camera),
-            "depth": self.depth,
-            "plane": self.plane,
-            "moments": self.moments,
-            "kernel": self.kernel,
-            "camera": self.camera,
-            "features": self.features,
-            "target": None if self.target is None else self.target.to_mapping(),
-            "mounting": make_pose_entry(self.mounting),
-            "marker": self.marker or None,
-            "camera_name": self.camera_name if self.other_cameras else None,
-            "cameras": {name: yaml.safe_load(goal.to_yaml()) for name,
-                goal in self.other_cameras.items()},
-        }, heading)  # fmt: skip
+        return write_goal_text(self._get_attributes(), heading)
+
+    def _get_attributes(self) -> dict[str, Any]:
+        attributes = {one.name: getattr(self, one.name) for one in fields(self)}
+        others = {name: goal._get_attributes() for name, goal in self.other_cameras.items()}
+        return {**attributes, "other_cameras": others}
 
 
 @lru_cache(maxsize=8)

@@ -197,13 +197,35 @@ def _read_kernel(entry: KernelEntry | None) -> GoalKernel | None:
     return GoalKernel(entry.width, entry.height, K, features)
 
 
-def write_goal_text(entries: Mapping[str, Any], heading: str) -> str:
-    """Return the text of a goal file, with `heading` as a comment; empty entries are omitted."""
-    data = {
-        name: value for name, value in _to_plain_values(entries).items() if value not in (None, {})
-    }
+def write_goal_text(attributes: Mapping[str, Any], heading: str) -> str:
+    """Return the text of a goal file, with `heading` as a comment; empty entries are omitted.
+
+    attributes: attributes of the Goal; `other_cameras` has such a mapping for each camera.
+    """
     comment = "".join(f"# {line}\n" for line in heading.splitlines())
-    return comment + yaml.safe_dump(data, sort_keys=False)
+    return comment + yaml.safe_dump(_make_entries(attributes), sort_keys=False)
+
+
+def _make_entries(goal: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the entries of a goal's file that are not empty."""
+    others = goal["other_cameras"]
+    entries = {
+        "joints": goal["joints"],
+        "camera_pose": _make_pose_entry(goal["world_T_camera"]),
+        "depth": goal["depth"],
+        "plane": goal["plane"],
+        "moments": goal["moments"],
+        "kernel": goal["kernel"],
+        "camera": goal["camera"],
+        "features": goal["features"],
+        "target": None if goal["target"] is None else goal["target"].to_mapping(),
+        "mounting": _make_pose_entry(goal["mounting"]),
+        "marker": goal["marker"] or None,
+        "camera_name": goal["camera_name"] if others else None,
+        "cameras": {name: _make_entries(other) for name, other in others.items()},
+    }
+    plain = _to_plain_values(entries)
+    return {name: value for name, value in plain.items() if value not in (None, {})}
 
 
 def _to_plain_values(value: Any) -> Any:
@@ -223,7 +245,7 @@ def _to_plain_values(value: Any) -> Any:
     )
 
 
-def make_pose_entry(a_T_b: np.ndarray | None) -> dict[str, list[float]] | None:
+def _make_pose_entry(a_T_b: np.ndarray | None) -> dict[str, list[float]] | None:
     """Return a pose (4, 4) as an entry of a goal file."""
     return (
         None

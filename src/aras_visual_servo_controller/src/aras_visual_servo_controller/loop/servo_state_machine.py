@@ -16,6 +16,7 @@ from ..diagnosis.joint_tracking_check import describe_foreign_nodes
 from ..errors import (
     ConfigurationError,
     SchemeError,
+    UnreachableError,
     UnresponsiveSchemeError,
 )
 from ..goals.goal import Goal
@@ -98,7 +99,11 @@ class ServoStateMachine:
         if self.settings.start is not None:
             self._to_start = self._make_approach(self.settings.start, "the start pose")
         self._arrival_check = ArrivalCheck(self.settings.hold)
-        self.unreachable_reason = self.goal.find_unreachable_reason(arm)
+        self.unreachable_reason = ""
+        try:
+            self.goal.find_posture(arm)
+        except UnreachableError as error:
+            self.unreachable_reason = f"{self.goal.name}: {error}"
         lengths = np.where(arm.is_prismatic, differential_ik.settings.prismatic_unit, 1.0)
         narrowed = differential_ik.limits.find_narrowed(arm)
         self.diagnosis = Diagnosis(RunContext(

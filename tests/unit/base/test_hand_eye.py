@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import yaml
 
-from aras_visual_servo_base.hand_eye_files import HandEyeFileError, read_hand_eye
+from aras_visual_servo_base.errors import HandEyeFileError
+from aras_visual_servo_base.hand_eye_files import read_hand_eye
 from aras_visual_servo_base.poses import (
     inverse,
     matrix_from_xyz_rpy,

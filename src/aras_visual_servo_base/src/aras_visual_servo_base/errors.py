@@ -19,6 +19,10 @@ class DescriptionError(SimError):
         self.fault, self.remedy, self.path = fault, remedy, path
 
 
+class HandEyeFileError(SimError):
+    """The file of a hand-eye calibration is invalid, or does not fit the robot description."""
+
+
 class NumbaUnavailableError(Exception):
     """Numba, which compiles functions, is not installed or cannot be loaded.
 

@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from .errors import DescriptionError, SimError
+from .errors import DescriptionError, HandEyeFileError
 from .names import suggest
 from .opencv_files import read_storage
 from .poses import LENGTH_UNITS, rotation_from_quaternion, rotation_from_rpy
@@ -50,10 +50,6 @@ INVERSE_NAME = re.compile(r"(2|_to_|to)(cam|camera|optical)\b")
 PUBLISHER_FLAGS = {"x", "y", "z", "qx", "qy", "qz", "qw", "roll", "pitch", "yaw", "frame-id",
                    "child-frame-id", "ros-args"}  # fmt: skip
 PUBLISHER = "static_transform_publisher"
-
-
-class HandEyeFileError(SimError):
-    """The file of a hand-eye calibration is invalid."""
 
 
 @dataclass(frozen=True, eq=False)

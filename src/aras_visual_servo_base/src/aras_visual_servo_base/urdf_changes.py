@@ -7,14 +7,17 @@ of the joints.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .errors import DescriptionError
-from .hand_eye_files import HandEyeCalibration, HandEyeFileError
+from .errors import DescriptionError, HandEyeFileError
 from .names import suggest
 from .poses import LINK_R_OPTICAL, inverse, matrix_from_xyz_rpy, optical_pose, xyz_rpy_from_matrix
 from .urdf import LINK, OPTICAL, parse_tree
+
+if TYPE_CHECKING:
+    from .hand_eye_files import HandEyeCalibration
 
 CAMERA_LINK, CAMERA_MOUNT = "camera_link", "camera_mount"
 

@@ -119,3 +119,11 @@ def test_public_functions_document_their_arguments(package: str) -> None:
             arguments = inspect.signature(found).parameters
             missing = [word for word in arguments if not re.search(rf"\b{word}\b", text)]
             assert not missing, f"{package}.{name} does not say what {missing} is"
+
+
+@pytest.mark.parametrize("page", sorted(ROOT.glob("docs/api/*.rst")), ids=lambda page: page.stem)
+def test_the_reference_heads_each_module_with_its_name(page: Path) -> None:
+    found = re.findall(r"``(.+)``\n~+\n\n\.\. automodule:: \w+\.(\S+)", page.read_text())
+    assert found
+    for heading, module in found:
+        assert heading == module

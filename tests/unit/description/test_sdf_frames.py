@@ -1,5 +1,7 @@
 """SDF poses relative to a link, joint, frame or model are equal to absolute poses."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -148,3 +150,16 @@ def test_a_frame_that_does_not_exist_is_named(inside, reason):
 def test_a_frame_without_a_place_is_named():
     (line,) = model("<link name='l'/><frame name='f' attached_to='g'/>").warnings
     assert line.startswith("model 'm': frame 'f' is ignored: its base 'g' is no link, joint")
+
+
+def test_a_frame_with_a_wrong_pose_is_named_with_its_error():
+    """In a world and in a model, and what is placed in the frame names the same error."""
+    frame = "<frame name='f'><pose>1 2</pose></frame>"
+    cause = r"frame 'f': pose\b.* 6"
+    inside = "<model name='m'><pose relative_to='f'/><link name='a'/></model>"
+    world = read_sdf(f"<sdf version='1.8'><world name='w'>{frame}{inside}</world></sdf>")
+    assert not world.models and len(world.warnings) == 2
+    for text in world.warnings:
+        assert re.search(cause, text), text
+    (text,) = model(f"<link name='a'/>{frame}").warnings
+    assert re.search(cause, text), text

@@ -140,7 +140,7 @@ class _SpanningTrees:
             # Breadth-first search: `pending` grows during this loop.
             for link in pending:
                 for joint in self._below.get(link, ()):
-                    pending += self._reach(joint, joint.child, root, False)
+                    pending += self._add_link(joint, joint.child, root, False)
             reached.update(pending)
             pending = []
             for is_reversed in (False, True):
@@ -149,14 +149,14 @@ class _SpanningTrees:
                     if is_reversed:
                         start, end = end, start
                     if not pending and start in reached:
-                        pending = self._reach(joint, end, root, is_reversed)
+                        pending = self._add_link(joint, end, root, is_reversed)
 
     def join(self, roots: Sequence[str]) -> None:
         """Merge all trees into one: fix the other `roots` to the first one."""
         self.carried_links = list(roots[1:])
         self.tree_of = dict.fromkeys(self.tree_of, roots[0])
 
-    def _reach(self, joint: Joint, link: str, root: str, is_reversed: bool) -> list[str]:
+    def _add_link(self, joint: Joint, link: str, root: str, is_reversed: bool) -> list[str]:
         """Add a link to the tree of `root`; return [link], or [] if it already has a tree."""
         if link in self.tree_of:
             return []

@@ -107,6 +107,6 @@ def _unify_flag(flag: Element, where: str, warnings: list[str]) -> bool:
 
 
 def rotate_axis(axis: Element, pose: Pose, joint: Element) -> None:
-    """Rotate the axis of a joint from the frame with this pose to the frame that it is given in."""
+    """Rotate a joint's axis from a frame to the frame in which `pose`, its pose, is expressed."""
     vector = parse_numbers(axis.text, 3, f"joint '{joint.get('name')}': axis")
     axis.text = " ".join(map(repr, Pose(quat=pose.quat).apply(vector)))

@@ -7,7 +7,6 @@ http://sdformat.org/tutorials?tut=pose_frame_semantics: a frame is fixed to the 
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Iterator, Mapping
 from xml.etree.ElementTree import Element
 
@@ -26,13 +25,15 @@ class SdfFrames(dict[str, Pose]):
     """Poses of a model's or world's frames by name, relative to the model or world.
 
     The order of the frames in the file does not matter. It contains no frames whose pose is
-    invalid, or whose base does not exist or depends on the frame itself.
+    invalid, or whose base does not exist or depends on the frame itself. Looking up a frame with an
+    invalid pose raises the DescriptionError of this pose.
     """
 
     def __init__(self, scope: Element) -> None:
         self._root = MODEL_FRAME if scope.tag == "model" else WORLD_FRAME
         super().__init__({self._root: Pose(), WORLD_FRAME: Pose()})
         self._nodes: dict[str, Element] = {}
+        self._errors: dict[str, DescriptionError] = {}  # errors of invalid poses, by frame
         self._inner: dict[str, str] = {}
         for name, node, owner in _list_frames(scope):
             if self._nodes.setdefault(name, node) is node and owner:
@@ -49,9 +50,14 @@ class SdfFrames(dict[str, Pose]):
         base = self.base_frame(name)
         if base not in self:
             return False
-        with contextlib.suppress(DescriptionError):
+        try:
             self[name] = self[base] @ _read_pose(self._nodes[name])
+        except DescriptionError as error:
+            self._errors[name] = error
         return True
+
+    def __missing__(self, name: str) -> Pose:
+        raise self._errors.get(name, KeyError(name))
 
     def base_frame(self, name: str) -> str:
         """Return the name of the frame in which the pose of the element `name` is expressed."""
@@ -81,7 +87,9 @@ class SdfFrames(dict[str, Pose]):
     def list_errors(self) -> list[str]:
         """Return one sentence for each `<frame>` whose pose is undefined."""
         return [
-            f"frame '{shorten(name)}' is ignored: its base '{shorten(self.base_frame(name))}' "
+            f"{self._errors[name]}; the frame is ignored"
+            if name in self._errors
+            else f"frame '{shorten(name)}' is ignored: its base '{shorten(self.base_frame(name))}' "
             "is no link, joint, frame or model of the same parent, or depends on this frame; "
             "correct the name of the base"
             for name, node in self._nodes.items()

@@ -32,12 +32,14 @@ def read_pose(element: Element, where: str, frames: Mapping[str, Pose] = _IDENTI
     if node is None:
         return Pose()
     frame = node.get("relative_to") or node.get("frame") or "world"
-    if frame not in frames:
+    try:
+        base = frames[frame]
+    except KeyError:
         raise DescriptionError(
             f"{where}: <pose relative_to='{shorten(frame)}'> names no link, joint, frame or model "
             "of the same parent; correct the name, or give the pose relative to the parent element"
-        )
-    return frames[frame] @ safe_xml.parse_pose(find_text(element, "pose"), f"{where}: pose")
+        ) from None
+    return base @ safe_xml.parse_pose(find_text(element, "pose"), f"{where}: pose")
 
 
 def write_pose(element: Element, pose: Pose, frame: str = "") -> None:

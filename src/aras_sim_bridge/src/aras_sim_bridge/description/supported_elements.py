@@ -6,7 +6,7 @@ one of these:
 - SUPPORTED: the element is read, or it has no effect in this simulator.
 - the entry of a nested block.
 - a tuple of values, usually the default. The element is unsupported if it has any other value. A
-  value is a text or a number. A text that is the tag of another child of the block stands for the
+  value is a text or a number. A text that is the tag of another child of the block means the
   value of that child.
 """
 

@@ -69,7 +69,7 @@ def test_a_study_runs_itself(folder: Path, tmp_path: Path) -> None:
     assert stored.read_column("final_distance") == alone.read_column("final_distance")
     parallel = study.run(tmp_path / "parallel", workers=2, progress=False)
     assert parallel.read_column("final_distance") == alone.read_column("final_distance")
-    with pytest.raises(BenchError, match="need an output folder: give path"):
+    with pytest.raises(BenchError, match="must be stored: give a folder"):
         Study.from_mapping({**STUDY, "traces": True}).run()
 
 

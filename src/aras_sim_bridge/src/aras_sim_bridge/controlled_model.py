@@ -63,7 +63,10 @@ class ControlledModel:
         """Create the hardware interface and the controller manager of a model in a world.
 
         Args:
+            model: model with exactly one gazebo_ros_control plugin.
+            namespace: ROS namespace of the controllers.
             parameters: parameters below `namespace`, as nested mappings.
+            world: world that contains the model.
 
         Raises:
             HardwareError: transmissions, limits or gains are invalid.

@@ -21,7 +21,9 @@ def make_lighting(
 
     Args:
         lights: lights of the world; the first MOST_LIGHTS illuminate images.
+        scene: ambient light, background and shadows of the world.
         exposure: conversion of light to grey levels, one of rendering.EXPOSURES.
+        time: simulated time, s, at which some lights may be off.
     """
     lights = tuple(lights)[:MOST_LIGHTS]
     now = tuple(

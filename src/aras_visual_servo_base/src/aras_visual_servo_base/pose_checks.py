@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 
+from .names import Fault
 from .poses import Pose, normalise
-
-Fault = type[Exception]
 
 
 def check_vector(values: object, what: str, fault: Fault, count: int = 3) -> tuple[float, ...]:
     """Return a tuple of `count` finite floats.
 
     Args:
+        values: sequence of numbers.
         what: name of the values, for messages.
+        fault: class of the exception to raise.
+        count: required number of values.
 
     Raises:
         fault: the values are not `count` finite numbers.

@@ -186,8 +186,8 @@ def construct(
 ) -> Any:
     """Create an instance of a registered class or of a user's class.
 
-    Every exception that the constructor raises is converted to a `fault` with a message of one
-    line.
+    The arguments are compared with the constructor's signature only if the constructor fails. Every
+    exception that it raises is converted to a `fault` with a message of one line.
 
     Raises:
         fault: an option is unknown (the message suggests the most similar one), a required argument

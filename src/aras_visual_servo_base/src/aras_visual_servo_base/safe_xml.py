@@ -229,8 +229,8 @@ def find_text(element: Element | None, tag: str) -> str | None:
 class ElementReader:
     """Reads the children of an XML element.
 
-    A method returns the default if the child is missing. Its errors are those of the function
-    above that parses such a value.
+    A method returns the default if the child is missing. It raises what parse_number,
+    parse_numbers, parse_integer and parse_bool raise.
 
     Attributes:
         element: the element; None if it is missing itself, so that all its children are missing.

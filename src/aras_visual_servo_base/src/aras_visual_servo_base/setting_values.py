@@ -14,9 +14,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from .names import suggest
+from .names import Fault, suggest
 
-Fault = type[Exception]
 NOTHING: Mapping[str, Any] = types.MappingProxyType({})
 _TYPE_NAMES = {
     float: "a finite number", int: "a whole number", bool: "true or false", str: "a text",

@@ -316,7 +316,7 @@ class World:
             model.after_step()
 
     def get_compiled_step(self, model: Model) -> tuple[np.ndarray | float, ...] | None:
-        """Return the arguments of cycle.run_cycles from `bodies` on, to make steps of `model`.
+        """Return the arguments of control_cycle.run_cycles from `bodies` on, for steps of `model`.
 
         Return None if these compiled steps are impossible: another model has joints or may touch
         `model`, or an effort is pending.

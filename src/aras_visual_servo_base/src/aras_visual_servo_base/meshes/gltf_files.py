@@ -60,6 +60,8 @@ def read(data: bytes, path: Path, find_file: Callable[[Path], bytes]) -> list[Me
                 )
             return find_file(file)
 
+        get = dict.__getitem__  # trimesh may use either; a missing file must not become None
+
     try:
         scene = trimesh.load_scene(io.BytesIO(data), file_type=path.suffix[1:].lower(),
                                    resolver=FileResolver(), process=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 
-def condition_number(singular: np.ndarray) -> np.ndarray:
+def compute_condition_numbers(singular: np.ndarray) -> np.ndarray:
     """Compute the condition number (n,) of the matrix L of each image.
 
     singular: singular values (n, p), largest first. The condition number of an image without

@@ -10,7 +10,7 @@ from aras_visual_servo_base.poses import inverse, pose_difference
 from ..errors import OutOfViewError, StudyError
 from ..recording.run import Run, compute_settling_time, normalize_errors
 from . import decay
-from .condition_number import condition_number
+from .condition_number import compute_condition_numbers
 from .metric import GREATER, NEITHER, SMALLER, Metric, metric
 
 # A joint is at a limit if its distance from the limit is at most this fraction of its range.
@@ -303,7 +303,7 @@ def condition_L(run: Run) -> float:
 
     Components of the camera twist that the scheme does not control are left out of L.
     """
-    found = condition_number(run.singular_L)
+    found = compute_condition_numbers(run.singular_L)
     return float(np.nanmax(found)) if not np.isnan(found).all() else np.nan
 
 

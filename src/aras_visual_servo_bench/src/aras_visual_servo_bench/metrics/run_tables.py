@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import make_missing_library_error
 from ..recording.run import Run
-from .condition_number import condition_number
+from .condition_number import compute_condition_numbers
 
 if TYPE_CHECKING:
     import pandas
@@ -35,8 +35,8 @@ def make_image_columns(run: Run) -> dict[str, TableColumn]:
         for i, axis in enumerate(TWIST_AXES):
             columns[f"{axis} {word}"] = TableColumn(twist[:, i], "m/s" if i < 3 else "rad/s")
     columns |= {
-        "condition of L": TableColumn(condition_number(run.singular_L)),
-        "condition of L J": TableColumn(condition_number(run.singular_LJ)),
+        "condition of L": TableColumn(compute_condition_numbers(run.singular_L)),
+        "condition of L J": TableColumn(compute_condition_numbers(run.singular_LJ)),
         "manipulability": TableColumn(run.manipulability), "scale": TableColumn(run.scale),
         "computing": TableColumn(run.computation_time, "s"),
         **_make_position_columns(run.pose),

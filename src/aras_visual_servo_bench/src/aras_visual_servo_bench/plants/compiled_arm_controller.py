@@ -160,7 +160,7 @@ class CompiledArmController:
     ) -> tuple[int, int, int]:
         """Run up to `count` control cycles, and update the loop at each joint state.
 
-        The arguments and the result are those of `cycle.run_cycles`.
+        The arguments and the result are those of `control_cycle.run_cycles`.
         """
         ends_ns, last_ns, n = time_ns + count * step_ns, self._last_ns(), self._count
         due = np.array(self._sampler.list_due_cycles(time_ns + step_ns, ends_ns, step_ns), int)

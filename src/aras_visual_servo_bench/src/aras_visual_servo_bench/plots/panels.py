@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..metrics.condition_number import condition_number
+from ..metrics.condition_number import compute_condition_numbers
 from ..metrics.metrics import error_settled, settled
 from ..recording.run import Run, normalize_errors
 from .panel import Curve, Panel, Texts, make_panel
@@ -227,7 +227,9 @@ def make_conditioning_panels(runs: Sequence[Run]) -> list[Panel]:
     speed and acceleration limits.
     """
     ratios = [
-        _make_run_curves(runs, name, lambda run, key=key: condition_number(getattr(run, key)))
+        _make_run_curves(
+            runs, name, lambda run, key=key: compute_condition_numbers(getattr(run, key))
+        )
         for name, key in (("L", "singular_L"), ("L J", "singular_LJ"))
     ]
     found: list[Panel] = []

@@ -61,7 +61,7 @@ class RunRecorder:
         """
         jpeg = b""
         if self._records_films:
-            from .film import encode_frame, make_image  # of a film alone, because it loads OpenCV
+            from .film import encode_frame, make_image  # loads OpenCV, which only films need
 
             jpeg = encode_frame(make_image(reading, model))
         self._camera_images.setdefault(reading.name, []).append((reading.stamp, pose, jpeg))

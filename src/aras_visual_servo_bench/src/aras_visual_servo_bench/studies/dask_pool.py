@@ -129,6 +129,8 @@ class DaskPool(Pool):
 
     def wait_for_chunk(self) -> FinishedChunk:
         """Wait until a chunk of runs is finished, and return it; see Pool.wait_for_chunk."""
+        if not self._tasks:
+            raise StudyError("the workers have no chunk: submit a chunk first")
         with _catch_lost_connection():
             while not self._finished.has_ready():
                 self._check_workers()

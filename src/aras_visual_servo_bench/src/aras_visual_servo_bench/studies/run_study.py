@@ -48,7 +48,7 @@ def run_study(
         study = Study.from_mapping(study) if mapping else Study.from_yaml(study)
     if folder is None:
         if study.has_image_rows:
-            raise StudyError("traces and pictures need an output folder: give path")
+            raise StudyError("traces and images must be stored: give a folder")
         with tempfile.TemporaryDirectory(prefix="study_") as temporary_folder:
             results = run_study(study, temporary_folder, workers, progress)
             return dataclasses.replace(results, name="study")

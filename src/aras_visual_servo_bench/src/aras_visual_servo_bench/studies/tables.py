@@ -95,18 +95,18 @@ def make_table(
     many = len(all_results) > 1
     names = (("study",) if many else ()) + keys
     has_distance = all(final_distance.name in r.table.column_names for r in all_results)
-    beside = (final_distance,) if has_distance else ()
-    chosen = [m for m in first.select_metrics(metrics) if m not in beside]
+    extra_metrics = (final_distance,) if has_distance else ()
+    chosen = [m for m in first.select_metrics(metrics) if m not in extra_metrics]
     columns = [
         StatisticColumn(success.name, "", RATE),
-        *(StatisticColumn(m.name, m.unit, QUARTILES) for m in beside),
+        *(StatisticColumn(m.name, m.unit, QUARTILES) for m in extra_metrics),
         *(StatisticColumn(m.name, m.unit, RATE if m.is_binary else MEDIAN) for m in chosen),
     ]
     lines, failures = [], []
     for results in all_results:
         successes = results.compute_successes()
         own_ends, reasons = results.make_end_column().to_pylist(), results.read_column("reason")
-        numbers = [successes, *(results.read_values(m) for m in (*beside, *chosen))]
+        numbers = [successes, *(results.read_values(m) for m in (*extra_metrics, *chosen))]
         for values, rows in results.group_rows(keys).items():
             label = ((results.name,) if many else ()) + values
             own = [column[rows] for column in numbers]
@@ -120,7 +120,7 @@ def make_table(
         *([captions.QUARTILES] if has_distance else []),
     ]  # fmt: skip
     notes = [
-        *captions.describe_missing((*chosen, *beside), all_results, keys),
+        *captions.describe_missing((*chosen, *extra_metrics), all_results, keys),
         *captions.describe_repeats(all_results),
     ]  # fmt: skip
     return Table(names, tuple(columns), tuple(lines), tuple(failures), tuple(caption),

@@ -246,7 +246,7 @@ def start_server(
     Args:
         make_server: function that creates the server from its access rules and sockets.
         page_name: name of the page, for the message.
-        risk: what others can do who intercept the URL of the page.
+        risk: what anyone who intercepts the page's URL can do, such as 'move the robot'.
         address: address on which the server listens.
         port: first port to try.
         token: token in the URL of the page; '' for a random token.

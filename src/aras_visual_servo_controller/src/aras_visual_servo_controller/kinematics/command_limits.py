@@ -239,7 +239,7 @@ def limit_velocities(desired, secondary, low, high, limits, dt, is_limited, prev
     for i in range(count):
         lowest, highest = max(low[i], -fastest[i]), min(high[i], fastest[i])
         if is_limited:
-            # These bounds let a joint brake with at most its maximum acceleration, even if it
+            # These bounds allow a joint to brake with at most its maximum acceleration, even if it
             # cannot stop before the end of its range.
             slower, faster = previous[i] - acceleration[i] * dt, previous[i] + acceleration[i] * dt
             lowest = min(max(lowest, slower), faster)

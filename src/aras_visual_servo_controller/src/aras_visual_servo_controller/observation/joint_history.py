@@ -152,7 +152,7 @@ class JointHistory(SampleBuffer):
             part = since / (stamps[after] - stamps[before])
             row = rows[before] + part * (rows[after] - rows[before])
             distance = min(since, until)
-        else:  # extrapolate from the only sample on one side
+        else:  # all samples are on one side: extrapolate from the nearest
             nearest = max(before, 0)
             dt, (positions, velocities) = stamp - stamps[nearest], rows[nearest]
             row, distance = np.array((positions + dt * velocities, velocities)), abs(dt)

@@ -251,7 +251,7 @@ class LoopRunner:
                 why = watch.describe_stopped_clock(now) or self.servo.source.describe_silence()
                 reason = f"{why}; no image processed for more than {limit:g} s of wall time"
                 self.servo.hold(reason, watch.make_outcome("too_few_images", reason, now))
-            if (state := self._silence_watch.find_missing_inputs(now)) is not None:
+            if (state := self._silence_watch.report_missing_inputs(now)) is not None:
                 self._report(state)
 
     def start(self) -> None:

@@ -46,7 +46,7 @@ class SilenceWatch:
         self._report_time = -np.inf
 
     def describe_stopped_clock(self, now: float) -> str:
-        """Return a text that says for how long the clock has not advanced; '' if it advances.
+        """Return a text that says at which time the clock has stopped; '' if it advances.
 
         `now` is the time of the clock, s.
         """
@@ -62,7 +62,7 @@ class SilenceWatch:
         found = make_outcome(kind, reason)
         return found.with_remedy(RESUME_ADVICE) if self.describe_stopped_clock(now) else found
 
-    def find_missing_inputs(self, now: float) -> ServoState | None:
+    def report_missing_inputs(self, now: float) -> ServoState | None:
         """Return a state that says which inputs are missing, once per second; otherwise None."""
         servo, settings, wall = self._servo, self._settings, self._wall_clock()
         missing, kind = [], "too_few_images"

@@ -64,12 +64,15 @@ class ActionController(Controller):
 
     def _command(self, period: float) -> float | None:
         """Write the commands of one control cycle; a gripper returns its effort."""
+        raise NotImplementedError
 
     def _hold_position(self) -> None:
         """Choose the measured positions as desired positions."""
+        raise NotImplementedError
 
     def _preempt_goal(self, reason: str, next_goal: GoalHandle | None = None) -> None:
         """End the active goal, if there is one, as preempted; `next_goal` replaces it."""
+        raise NotImplementedError
 
     def stopping(self, time_ns: int) -> None:
         """Cancel the active goal."""

@@ -1,4 +1,7 @@
-"""Action servers of controllers, based on actionlib; trajectory.py contains another one."""
+"""Base class of the controllers' action servers, and the server of the grippers.
+
+The server of the trajectories is in trajectory.py.
+"""
 
 from __future__ import annotations
 

@@ -108,8 +108,8 @@ class AppliedForces:
         self._clear(_Effort, request.joint_name)
 
     def _clear(self, kind: type[_TimedForce], target: str) -> None:
-        kept = [f for f in self._forces if not isinstance(f, kind) or f.target != target]
-        self._set_forces(kept)
+        remaining = [f for f in self._forces if not isinstance(f, kind) or f.target != target]
+        self._set_forces(remaining)
 
     def _set_forces(self, forces: list[_TimedForce]) -> None:
         self._forces = forces

@@ -60,18 +60,18 @@ class PhysicsProperties:
 
     @service_handler(GetPhysicsProperties, "got properties")
     def get_physics_properties(
-        self, _simulation: Simulation, _request: GetPhysicsProperties
+        self, simulation: Simulation, _request: GetPhysicsProperties
     ) -> Fields:
         """Return the current physics properties.
 
         They include the parameters of ODE, which are stored but have no effect.
         """
-        values = self._values
+        values, world = self._values, simulation.world
         return {
-            "time_step": values["time_step"],
+            "time_step": world.time_step,
             "pause": self._thread.paused,
             "max_update_rate": values["max_update_rate"],
-            "gravity": Vector3(*(values[name] for name in GRAVITY_FIELDS)),
+            "gravity": Vector3(*world.gravity),
             "ode_config": ODEPhysics(**{name: values[name] for name in ODE_FIELDS}),
         }
 

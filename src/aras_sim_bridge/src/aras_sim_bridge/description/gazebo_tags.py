@@ -126,7 +126,7 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
     tags.cameras = tuple(_drop_duplicates(sensors.cameras, warnings))
     tags.control_plugins = tuple(one for one in found if isinstance(one, ControlPlugin))
     added = {one.joint.name: one.joint for one in tags.added_joints}
-    sensors.check({**tags.links, **tags.added_links}, {**joints, **added})
+    sensors.add_plugin_sensors({**tags.links, **tags.added_links}, {**joints, **added})
     tags.sensors = tuple(sensors.sensors)
     tags.grasps = tuple(grasp_tags.check_grasps(
         [one for one in found if isinstance(one, GraspFixPlugin)], tags.links, warnings))

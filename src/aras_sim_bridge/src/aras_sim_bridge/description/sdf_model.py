@@ -113,7 +113,7 @@ def read_model(element: Element, resolve: Resolve, locate: Locate, frames: Mappi
             replace(one, pose=_transform_origin(one.pose, poses[main.root]))
             if one.link == main.root else one for one in found]
     every = {joint.name: joint for tree in trees for joint in tree.joints.values()}
-    sensors.check(links, every)
+    sensors.add_plugin_sensors(links, every)
     pose = read_pose(element, where, frames)
     whole = RobotDescription(
         name=name, root=main.root, links={}, joints={}, cameras=tuple(sensors.cameras),

@@ -78,7 +78,7 @@ class ModelSensors:
             for made in plugins.read(sensor, where, (SensorDescription,), self._warnings):
                 self._plugin_sensors.append(replace(made, joint=made.joint or joint))
 
-    def check(self, links: Mapping[str, Link], joints: Mapping[str, Joint]) -> None:
+    def add_plugin_sensors(self, links: Mapping[str, Link], joints: Mapping[str, Joint]) -> None:
         """Add those sensors of the plug-ins to `sensors` that can measure something.
 
         Raises:

@@ -17,7 +17,7 @@ from .metric import GREATER, NEITHER, SMALLER, Metric, metric
 LIMIT_MARGIN = 1e-3
 # Metric `overshoot` ignores a feature whose initial error is at most this fraction of the largest
 # initial error.
-SETTLING_BAND = 0.02
+LEAST_START = 0.02
 # metric `reduced` is 1 if final distance and angle are at most this fraction of the initial ones
 REDUCTION = 0.1
 # an image is late if the time from exposure to arrival exceeds this number of image periods
@@ -110,7 +110,7 @@ def overshoot(run: Run) -> float:
     size = np.abs(error[0])
     # A feature that starts at its goal is ignored, because its overshoot would be divided by its
     # initial error, 0.
-    moving = size > SETTLING_BAND * np.max(size, initial=0.0)
+    moving = size > LEAST_START * np.max(size, initial=0.0)
     if not moving.any():
         return 0.0
     excess = -np.sign(error[0, moving]) * error[:, moving] / size[moving]

@@ -9,13 +9,12 @@ import numpy as np
 
 from ..metrics.condition_number import compute_condition_numbers
 from ..metrics.metrics import error_settled, settled
-from ..recording.run import Run, normalize_errors
+from ..recording.run import SETTLING_BAND, Run, normalize_errors
 from .panel import Curve, Panel, Texts, make_panel
 
 # If runs have more features than this number, panels that compare them show only the norm of the
 # errors; otherwise, they show the error of each feature.
 MAX_FEATURES = 6
-SETTLING_BAND = 0.02
 FLOOR = 1e-6  # lower end of the logarithmic axis of the error norm, relative to the initial norm
 UNLIMITED = 100.0  # joint limit above which a joint counts as unlimited, rad or m
 MIN_POSE_ERROR = 1e-4  # lower end of the logarithmic axes of the pose error, mm and degrees

@@ -13,8 +13,8 @@ from controller_manager_msgs.srv import ListControllers, SwitchController
 
 from aras_sim_bridge.ros.cli.controller_manager import (
     STRICT,
-    compute_exit_status,
     load_controller,
+    run_action,
     start_controller,
 )
 from aras_visual_servo_ros.shutdown import init_node
@@ -96,7 +96,7 @@ def main() -> int:
         )
         return 1
     if args.command == "spawn":
-        return compute_exit_status(lambda: spawn(group))
+        return run_action(lambda: spawn(group))
     others = {name for names in groups.values() for name in names} - set(group)
 
     def switch_to_group() -> bool:
@@ -105,4 +105,4 @@ def main() -> int:
         # in ROS; scripts read the printed text.
         return True
 
-    return compute_exit_status(switch_to_group)
+    return run_action(switch_to_group)

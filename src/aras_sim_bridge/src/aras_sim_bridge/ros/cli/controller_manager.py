@@ -133,7 +133,7 @@ def run(command: str, names: list[str], restore: bool) -> bool:
     return reload_libraries(True, restore)
 
 
-def compute_exit_status(action: Callable[[], bool]) -> int:
+def run_action(action: Callable[[], bool]) -> int:
     """Run `action`, which calls services of the controller manager; return the exit status.
 
     A message is printed if the controller manager does not answer.
@@ -161,4 +161,4 @@ def main() -> int:
     args = parser.parse_args(rospy.myargv(sys.argv)[1:])
     init_node("controller_manager", anonymous=True)
     command = ALIASES.get(args.command, args.command)
-    return compute_exit_status(lambda: run(command, args.names, args.restore))
+    return run_action(lambda: run(command, args.names, args.restore))

@@ -203,10 +203,10 @@ class TolerantScheme(Scheme):
 
     def __init__(self, tolerances, accuracy=None):
         self.tolerances, self.units = tolerances, ("",) * len(tolerances)
-        self._accuracy = accuracy
+        self.feature_accuracy = accuracy
 
     def accuracy(self, observation, goal):
-        return self._accuracy
+        return self.feature_accuracy
 
     def compute(self, observation, goal):
         raise AssertionError("no image is processed")

@@ -37,15 +37,35 @@ from aras_visual_servo_controller.observation.observation import Observation
 DEEP = Goal(depth=0.2)
 
 
-def shown(arrival, stamp, error, L=None, modelled=(True,) * 6, pose=None, goal=DEEP, tolerance=1.0,
-          ambiguity="", accuracy=None, moments=None, resolution=None, others=None):  # fmt: skip
-    """Return what an Arrival reports for one image with an error (k,), its L (k, 6), from a pose.
+class Watched(ArrivalCheck):
+    """Arrival of a scheme with tolerances of 1 that stores its last report and the number of its
+    images."""
+
+    fed, last = 0, None
+
+    def __init__(self, hold, goal=DEEP):
+        self.scheme = TolerantScheme(())
+        super().__init__(goal, self.scheme, hold)
+
+    @property
+    def reached(self):
+        return self.last.is_reached
+
+    @property
+    def short(self):
+        return self.last.pending_reason
+
+
+def shown(arrival, stamp, error, L=None, modelled=(True,) * 6, pose=None, ambiguity="",
+          accuracy=None, moments=None, resolution=None, others=None):  # fmt: skip
+    """Return what a Watched reports for one image with an error (k,), its L (k, 6), from a pose.
     """
+    arrival.scheme.tolerances = np.ones(len(error))
+    arrival.scheme.feature_accuracy = accuracy
     decision = an_output(error, L, None if L is None else modelled, ambiguity=ambiguity)
     seen = Observation(stamp, 0.1, True, "", None, world_T_camera=pose, moments=moments,
                        other_cameras=others or {}, name="left")  # fmt: skip
-    scheme = TolerantScheme(tolerance * np.ones(len(error)), accuracy)
-    return arrival.add(decision, seen, goal, scheme, resolution)
+    return arrival.add(decision, seen, resolution)
 
 
 def feed(arrival, errors, begin=0.0, dt=0.1):
@@ -55,20 +75,20 @@ def feed(arrival, errors, begin=0.0, dt=0.1):
 @pytest.mark.parametrize("begin", [0.0, 73.4])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_arrival_needs_the_whole_hold(begin, sign):
-    assert feed(ArrivalCheck(0.5), [sign * 0.9] * 7, begin) == [False] * 5 + [True] * 2
-    assert feed(ArrivalCheck(0.5), [sign * 1.0] * 9, begin) == [False] * 9  # not within: at them
+    assert feed(Watched(0.5), [sign * 0.9] * 7, begin) == [False] * 5 + [True] * 2
+    assert feed(Watched(0.5), [sign * 1.0] * 9, begin) == [False] * 9  # not within: at them
 
 
 def test_arrival_judges_the_mean_and_refuses_a_swing():
     noisy = [0.5, -1.4, 1.6, -0.7] * 4
-    assert feed(ArrivalCheck(0.5), noisy)[-1]
+    assert feed(Watched(0.5), noisy)[-1]
     swing = [6.0, -6.0] * 8
-    assert not feed(ArrivalCheck(0.5), swing)[-1]
+    assert not feed(Watched(0.5), swing)[-1]
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_arrival_has_hysteresis(sign):
-    arrival = ArrivalCheck(0.4)
+    arrival = Watched(0.4)
     assert feed(arrival, [sign * 0.9] * 6)[-1]
     # what would not have been near enough to arrive is near enough to stay
     assert feed(arrival, [sign * 1.4] * 5, 0.6) == [True] * 5
@@ -81,30 +101,16 @@ def test_arrival_has_hysteresis(sign):
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_images_that_come_seldom_have_no_mean(sign):
     passing = sign * np.array([-3.3, 0.6, -0.1, 0.1, 0.1])
-    assert feed(ArrivalCheck(2.0), passing, dt=0.8) == [False] * 4 + [True]
+    assert feed(Watched(2.0), passing, dt=0.8) == [False] * 4 + [True]
     # however long the gap, two images show no rest; four that are near do, also of a fast camera
-    assert feed(ArrivalCheck(0.5), [sign * 0.9] * 3, dt=1.5) == [False, False, True]
-    assert feed(ArrivalCheck(0.3), sign * np.array([0.5, -1.1, 0.5, 0.5])) == [False] * 4
-    assert feed(ArrivalCheck(0.4), sign * np.array([0.5, -1.1, 0.5, 0.5, 0.5]))[-1]
+    assert feed(Watched(0.5), [sign * 0.9] * 3, dt=1.5) == [False, False, True]
+    assert feed(Watched(0.3), sign * np.array([0.5, -1.1, 0.5, 0.5])) == [False] * 4
+    assert feed(Watched(0.4), sign * np.array([0.5, -1.1, 0.5, 0.5, 0.5]))[-1]
 
 
-class Watched(ArrivalCheck):
-    """Arrival that stores its last report and the number of its images."""
-
-    fed, last = 0, None
-
-    @property
-    def reached(self):
-        return self.last.is_reached
-
-    @property
-    def short(self):
-        return self.last.pending_reason
-
-
-def of_camera(errors, L, modelled=(True,) * 6, poses=None, begin=None, **more):
+def of_camera(errors, L, modelled=(True,) * 6, poses=None, begin=None, goal=DEEP, **more):
     """A Watched that was shown errors (m, k) of tolerance 1, with L (k, 6), from poses."""
-    arrival = Watched(0.3) if begin is None else begin
+    arrival = Watched(0.3, goal) if begin is None else begin
     for i, error in enumerate(errors):
         arrival.fed += 1
         pose = None if poses is None else poses[i]
@@ -286,7 +292,7 @@ def test_what_is_far_and_what_was_before_does_not_count():
 
 
 def test_hold_of_zero_judges_each_image():
-    assert feed(ArrivalCheck(0.0), [2.0, 0.5, 1.2, 1.7, 0.5]) == [False, True, True, False, True]
+    assert feed(Watched(0.0), [2.0, 0.5, 1.2, 1.7, 0.5]) == [False, True, True, False, True]
 
 
 # -- what is left open -------------------------------------------------------------------------
@@ -520,8 +526,8 @@ def test_a_symmetric_target_is_the_same_from_round_its_axis(up_to, turn):
     way = 2.0 * 0.25 * np.hypot(0.2, 0.1) * np.sin(turn / 2.0)
     left = left_by([np.zeros(6)] * 6, STRONG, ambiguity=up_to, goal=goal)
     assert left.description == up_to and left.angle == pytest.approx(min(turn + TURNS, np.pi))
-    without = ArrivalCheck(0.3)  # the features' L is not known
-    last = [shown(without, 0.1 * i, [0.1], ambiguity=up_to, goal=goal) for i in range(6)][-1]
+    without = Watched(0.3, goal)  # the features' L is not known
+    last = [shown(without, 0.1 * i, [0.1], ambiguity=up_to) for i in range(6)][-1]
     left = last.pose_uncertainty
     assert (left.distance, left.angle) == pytest.approx((way, turn))
     assert bound_symmetry("", goal) == (0.0, 0.0)
@@ -549,7 +555,7 @@ def test_the_axis_of_a_symmetric_target_goes_through_its_middle(middle, plane, u
 
 
 def test_without_L_nothing_is_known():
-    arrival = ArrivalCheck(0.3)
+    arrival = Watched(0.3)
     last = [shown(arrival, 0.1 * i, [0.1]) for i in range(6)][-1]
     assert last.is_reached and np.isnan(last.pose_uncertainty.distance)
     assert last.pose_uncertainty.description == ""
@@ -565,9 +571,9 @@ def of(corners):
 
 
 def alike(seen, wanted, is_turned=False):
-    check = ViewCheck()
+    check = ViewCheck(Goal(moments=wanted))
     for stamp in range(3):
-        check.add(Observation(stamp, 1.0, True, "", None, moments=seen), Goal(moments=wanted))
+        check.add(Observation(stamp, 1.0, True, "", None, moments=seen))
     return not check.has_other_shape(is_turned)
 
 
@@ -617,10 +623,10 @@ def test_half_a_turn_changes_the_sign_of_third_moments():
 def test_a_known_offset_explains_where_the_target_is_seen():
     """A camera that is 1 cm aside of its goal at 0.5 m, or as far off along a held direction."""
     goal = Goal(depth=0.5, moments=of(CORNERS))
-    check, offset = ViewCheck(), np.array([0.01, 0.0, 0.0, 0.0, 0.0, 0.0])
+    check, offset = ViewCheck(goal), np.array([0.01, 0.0, 0.0, 0.0, 0.0, 0.0])
     seen = of(CORNERS - [0.02, 0.0])
     for stamp in range(3):
-        check.add(Observation(stamp, 1.0, True, "", None, moments=seen), goal)
+        check.add(Observation(stamp, 1.0, True, "", None, moments=seen))
     here = Observation(2.0, 1.0, True, "", None, moments=seen)
     check.set_expected_place(here, STRONG / np.repeat((1.0, 0.5), 3), np.zeros((6, 6)), 0.5)
     assert check.compare_place(offset)[0] == ""
@@ -645,20 +651,20 @@ def test_another_view_is_believed_from_the_third_image_and_beyond_noise():
         ((shaped(wanted, 3, 1, 1.2 * THIRD_ORDER_TOLERANCE),) * 3, [False, False, True]),
         ((shaped(wanted, 3, 1, -1.2 * THIRD_ORDER_TOLERANCE),) * 3, [False, False, True]),
     ):
-        arrival = Watched(0.0)
+        arrival = Watched(0.0, goal)
         said = [
-            bool(of_camera([np.zeros(6)], STRONG, begin=arrival, goal=goal,
+            bool(of_camera([np.zeros(6)], STRONG, begin=arrival,
                            moments=view).last.wrong_pose_reason)
             for view in seen
         ]
         assert said == expected
     # of several cameras each is held against its own goal, or against the first's if it has none
     for told, expected in (({"right": Goal(moments=other)}, False), ({}, True)):
-        arrival = Watched(0.0)
         both = Goal(depth=0.5, moments=wanted, camera_name="left", other_cameras=told)
+        arrival = Watched(0.0, both)
         for _ in range(3):
             right = Observation(0.0, 0.1, True, "", None, moments=other)
-            of_camera([np.zeros(6)], STRONG, begin=arrival, goal=both, moments=wanted,
+            of_camera([np.zeros(6)], STRONG, begin=arrival, moments=wanted,
                       others={"right": right})  # fmt: skip
         assert bool(arrival.last.wrong_pose_reason) is expected
     # a direction that nothing measures may be why
@@ -669,10 +675,10 @@ def test_another_view_is_believed_from_the_third_image_and_beyond_noise():
     assert of_camera([np.zeros(6)] * 6, blind, goal=goal, moments=other).last.wrong_pose_reason
     # what was seen before an arrival ended, or the loop was interrupted, is forgotten
     for errors in ((0.0, 9.0, 0.0, 0.0), (0.0, 0.0, None, 0.0, 0.0)):
-        arrival = Watched(0.0)
+        arrival = Watched(0.0, goal)
         for error in errors:
             if error is None:
                 arrival.clear()
                 continue
-            of_camera([np.full(6, error)], STRONG, begin=arrival, goal=goal, moments=other)
+            of_camera([np.full(6, error)], STRONG, begin=arrival, moments=other)
             assert not arrival.last.wrong_pose_reason

@@ -57,18 +57,18 @@ class ArrivalCheck:
     Once the camera has arrived, the tolerances are multiplied by HYSTERESIS.
     """
 
-    def __init__(self, hold: float) -> None:
+    def __init__(self, goal: Goal, scheme: Scheme | JointController, hold: float) -> None:
         """Create the check.
 
         Args:
+            goal: goal of the run.
+            scheme: scheme of the run; it gives the tolerances and the accuracy of the errors.
             hold: averaging time, s; 0 evaluates each image separately.
         """
-        self.hold = float(hold)
-        self._errors, self._offsets, self._view_check = (
-            VectorHistory(),
-            VectorHistory(),
-            ViewCheck(),
-        )
+        self._goal, self._scheme, self._hold = goal, scheme, float(hold)
+        self._errors, self._offsets = VectorHistory(), VectorHistory()
+        self._view_check = ViewCheck(goal)
+        # Both are created at the first arrival, because most images are not at the goal.
         self._ambiguous_poses: AmbiguousPoses | None = None
         self._goal_plane: GoalPlane | None = None
         self.clear()
@@ -91,23 +91,22 @@ class ArrivalCheck:
         self,
         scheme_output: SchemeOutput,
         observation: Observation,
-        goal: Goal,
-        scheme: Scheme | JointController,
         ik_solution: IKSolution | None = None,
     ) -> ArrivalStatus:
         """Add one image and return the arrival status.
 
         Args:
             scheme_output: measurement and task of the image.
+            observation: observation of the image.
             ik_solution: joint velocities for the task; they show in which directions the arm can
                 move the camera. None for a free camera.
         """
-        error, tolerances = scheme_output.error, np.asarray(scheme.tolerances, float)
+        goal, error = self._goal, scheme_output.error
         if len(self._errors) and self._errors.width != len(error):
             self.clear()
         self._errors.add(observation.stamp, error)
         is_far, old_count, settled = _evaluate_errors(
-            self._errors.stamps, self._errors.errors, tolerances, self.hold,
+            self._errors.stamps, self._errors.errors, self._tolerances, self._hold,
             HYSTERESIS if self._is_reached else 1.0,
         )  # fmt: skip
         self._errors.drop_oldest(old_count)
@@ -135,7 +134,7 @@ class ArrivalCheck:
                 self._is_reached,
                 goal.distance,
             )
-        self._view_check.add(observation, goal)
+        self._view_check.add(observation)
         if not settled or reason:
             if self._is_reached:
                 self._view_check.clear()
@@ -155,16 +154,17 @@ class ArrivalCheck:
             return ArrivalStatus(
                 True, pose_uncertainty=PoseUncertainty(distance, angle, scheme_output.ambiguity)
             )
-        return self._evaluate_arrival(
-            scheme_output, observation, goal, scheme, directions, offsets
-        )
+        return self._evaluate_arrival(scheme_output, observation, directions, offsets)
+
+    @property
+    def _tolerances(self) -> np.ndarray:
+        """Return the tolerances (k,) of the errors."""
+        return np.asarray(self._scheme.tolerances, float)
 
     def _evaluate_arrival(
         self,
         scheme_output: SchemeOutput,
         observation: Observation,
-        goal: Goal,
-        scheme: Scheme | JointController,
         directions: tuple[np.ndarray, np.ndarray],
         offsets: PoseOffsets,
     ) -> ArrivalStatus:
@@ -175,10 +175,10 @@ class ArrivalCheck:
         # more accurate near the goal.
         if self._margin is None or self._error_size > NEGLIGIBLE_ERROR:
             mean_error = self._errors.errors.mean(axis=0)
-            size = float(np.linalg.norm(mean_error / np.asarray(scheme.tolerances, float)))
+            size = float(np.linalg.norm(mean_error / self._tolerances))
             if self._margin is None or size < RENEWAL_RATIO * self._error_size:
                 self._error_size = size
-                self._renew_margin(scheme_output, observation, goal, scheme, free, offsets)
+                self._renew_margin(scheme_output, observation, free, offsets)
         if self._images <= VIEW_PERIOD or self._images % VIEW_PERIOD == 0:
             mean_offset = self._offsets.errors[-len(self._view_check) :, :6].mean(axis=0)
             self._compare_views(
@@ -193,31 +193,29 @@ class ArrivalCheck:
         self,
         scheme_output: SchemeOutput,
         observation: Observation,
-        goal: Goal,
-        scheme: Scheme | JointController,
         free: np.ndarray,
         offsets: PoseOffsets,
     ) -> None:
         """Model the uncertainty of the arrival at this image, and find other possible poses."""
         # The accuracy is estimated from the same images as the offset, so that both belong to the
         # same distance from the goal.
-        latest = self._errors.errors[-max(offsets.count, MIN_VIEWS) :]
-        poses, plane = self._ambiguous_poses, self._goal_plane
-        if poses is None or poses.goal is not goal:
+        goal, latest = self._goal, self._errors.errors[-max(offsets.count, MIN_VIEWS) :]
+        if self._ambiguous_poses is None:
             from .ambiguous_poses import AmbiguousPoses
 
-            self._ambiguous_poses = poses = AmbiguousPoses(goal)
-        if plane is None or plane.goal is not goal or plane.camera is not observation.camera:
-            self._goal_plane = plane = GoalPlane(goal, observation.camera)
+            self._ambiguous_poses = AmbiguousPoses(goal)
+        if self._goal_plane is None or self._goal_plane.camera is not observation.camera:
+            self._goal_plane = GoalPlane(goal, observation.camera)
         self._margin = ArrivalMargin(
-            scheme_output, plane, free, latest.mean(axis=0), scheme.accuracy(observation, goal),
+            scheme_output, self._goal_plane, free, latest.mean(axis=0),
+            self._scheme.accuracy(observation, goal),
             latest.std(axis=0) / np.sqrt(len(latest)), offsets.scatter,
         )  # fmt: skip
-        self._other_pose, self._possible_poses = poses.find_pose(observation)
+        self._other_pose, self._possible_poses = self._ambiguous_poses.find_pose(observation)
         # If the scheme has a residual (error of a whole image), L describes the residual and not
         # the features.
         if scheme_output.residual is None:
-            L = scheme_output.L / np.asarray(scheme.tolerances, float)[:, None]
+            L = scheme_output.L / self._tolerances[:, None]
             self._view_check.set_expected_place(
                 observation, L / np.repeat((1.0, goal.distance), 3),
                 self._margin.compute_covariance(offsets), goal.distance,

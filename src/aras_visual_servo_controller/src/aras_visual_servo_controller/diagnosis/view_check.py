@@ -53,13 +53,13 @@ PLACE_FEATURES = ("xg", "yg", "area")  # features of the target's position and s
 class ViewCheck:
     """Comparison of the goal with the mean of the images since the camera's arrival."""
 
-    def __init__(self) -> None:
-        self._views = VectorHistory()
+    def __init__(self, goal: Goal) -> None:
+        self._goal, self._views = goal, VectorHistory()
         # Stamp (s) of each image that has not been compared with the goal yet, and the moments that
         # each camera measured in the image.
         self._pending_views: deque[tuple[float, list[Moments | None]]] = deque(maxlen=MAX_WINDOW)
-        self._goal: Goal | None = None
         self._names: tuple[str, ...] = ()  # names of the cameras; empty if there is only one camera
+        self._goal_views = [_GoalView(goal)]
         self.clear()
 
     def __len__(self) -> int:
@@ -74,13 +74,13 @@ class ViewCheck:
         self._average: tuple[np.ndarray, np.ndarray] | None = None
         self._expected_place: _ExpectedPlace | None = None
 
-    def add(self, observation: Observation, goal: Goal) -> None:
+    def add(self, observation: Observation) -> None:
         """Add one image."""
         names = tuple(observation.cameras) if observation.other_cameras else ()
-        if goal is not self._goal or names != self._names:
-            self._goal, self._names = goal, names
-            goals = [goal.cameras.get(name, goal) for name in names] or [goal]
+        if names != self._names:
+            self._names, goal = names, self._goal
             # A camera without a goal is compared with the goal of the first camera.
+            goals = [goal.cameras.get(name, goal) for name in names] or [goal]
             self._goal_views = [_GoalView(one) for one in goals]
         moments = [view.moments for view in (observation, *observation.other_cameras.values())]
         self._pending_views.append((observation.stamp, moments))

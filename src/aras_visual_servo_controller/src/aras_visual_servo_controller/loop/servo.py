@@ -169,9 +169,7 @@ class Servo(ServoStateMachine):
         if task is not None and task.measurable_task is not task:
             task, dropped = task.measurable_task, task.dropped_reason
         self.executor.set_task(task, solution, stamp, self._now)
-        arrived = self._arrival_check.add(
-            scheme_output, observation, self.goal, self.scheme, solution
-        )
+        arrived = self._arrival_check.add(scheme_output, observation, solution)
         self.phase = CONVERGED if arrived.is_reached else SERVOING
         reasons = [
             *(() if solution is None else solution.reasons), dropped, *scheme_output.notes,

@@ -98,7 +98,7 @@ class ServoStateMachine:
         self._to_start = None
         if self.settings.start is not None:
             self._to_start = self._make_approach(self.settings.start, "the start pose")
-        self._arrival_check = ArrivalCheck(self.settings.hold)
+        self._arrival_check = ArrivalCheck(self.goal, scheme, self.settings.hold)
         self.unreachable_reason = ""
         try:
             self.goal.find_posture(arm)

@@ -16,10 +16,10 @@ from aras_visual_servo_controller.diagnosis.gain_check import GainCheck
 from aras_visual_servo_controller.diagnosis.joint_tracking_check import JointTrackingCheck
 from aras_visual_servo_controller.diagnosis.oscillation_check import OscillationCheck
 from aras_visual_servo_controller.diagnosis.step_check import StepCheck
+from aras_visual_servo_controller.diagnosis.vector_history import VectorHistory
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws import Proportional
 from aras_visual_servo_controller.observation.observation import Observation
-from aras_visual_servo_controller.observation.vector_history import VectorHistory
 from aras_visual_servo_controller.schemes import create_scheme
 
 # -- does it ring? -------------------------------------------------------------------------------
@@ -570,16 +570,15 @@ def test_without_points_of_a_plane_in_view_there_are_none(goal):
 
 @pytest.mark.parametrize("kept", [1, 40, 63, 64, 65, 200])
 def test_the_window_holds_the_newest_in_order(kept):
-    recent = VectorHistory()
+    recent = VectorHistory(max_count=kept)
     for i in range(700):
         recent.add(0.1 * i, np.array([i, -2.0 * i, 0.5]))
-        recent.drop_oldest(max(len(recent) - kept, 0))
         first = max(i + 1 - kept, 0)
         expected = np.arange(first, i + 1)
         assert len(recent) == len(expected)
         np.testing.assert_array_equal(recent.stamps, 0.1 * expected)
-        np.testing.assert_array_equal(recent.errors[:, 1], -2.0 * expected)
-        assert (recent.errors[:, 2] == 0.5).all()
+        np.testing.assert_array_equal(recent.rows[:, 1], -2.0 * expected)
+        assert (recent.rows[:, 2] == 0.5).all()
     assert len(recent.stamps.base) <= max(4 * kept, 64)  # it does not grow for ever
 
 
@@ -587,16 +586,17 @@ def test_errors_of_another_length_begin_anew():
     recent = VectorHistory()
     recent.add(0.0, np.zeros(4))
     recent.add(0.1, np.ones(2))
-    assert recent.stamps.tolist() == [0.1] and recent.errors.tolist() == [[1.0, 1.0]]
+    assert recent.stamps.tolist() == [0.1] and recent.rows.tolist() == [[1.0, 1.0]]
     recent.clear()
     assert len(recent) == 0
 
 
-def test_rows_are_found_and_dropped_by_their_stamps():
-    recent = VectorHistory()
+def test_rows_older_than_the_span_are_dropped():
+    recent = VectorHistory(span=0.35)
     for i in range(10):
         recent.add(0.1 * i, np.array([float(i)]))
-    recent.drop_before(0.35)
-    assert recent.errors[0, 0] == 4.0 and len(recent) == 6 and recent.width == 1
-    recent.drop_before(9.0)
-    assert len(recent) == len(recent.stamps) == 0
+    assert recent.rows[:, 0].tolist() == [6.0, 7.0, 8.0, 9.0] and recent.width == 1
+    recent.drop_oldest(1)
+    assert recent.rows[0, 0] == 7.0 and len(recent) == len(recent.stamps) == 3
+    recent.add(9.0, np.array([10.0]))
+    assert recent.stamps.tolist() == [9.0]

@@ -420,10 +420,11 @@ def test_features_are_judged_by_the_camera_whose_name_they_have():
     L = np.arange(24.0).reshape(4, 6)
     tolerances = np.arange(9.0, 5.0, -1.0)
     whole = pack_features(1.0 + np.arange(4.0), L, np.array([0.5]), tolerances, True)
-    parts = {camera: part.tolist() for camera, part in split_by_camera(whole, names, seen)}
-    assert parts == {"left": whole[[0, 2]].tolist(), "right": whole[[1]].tolist(),
-                     "": whole[[3]].tolist()}
-    assert not list(split_by_camera(None, names, seen))
+    parts = split_by_camera(whole, names, seen)
+    assert {camera: part.tolist() for camera, part in parts.items()} == {
+        "left": whole[[0, 2]].tolist(), "right": whole[[1]].tolist(), "": whole[[3]].tolist(),
+    }  # fmt: skip
+    assert split_by_camera(None, names, seen) == {}
 
 
 def test_a_goal_that_one_of_the_cameras_has_not_shown_is_not_shown():

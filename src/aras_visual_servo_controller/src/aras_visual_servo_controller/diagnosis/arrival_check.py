@@ -9,7 +9,6 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import jit
 
-from ..observation.vector_history import VectorHistory
 from ..records.outcomes import ArrivalStatus, PoseUncertainty
 from .camera_offset import (
     FEW_IMAGES,
@@ -22,6 +21,7 @@ from .camera_offset import (
 )
 from .goal_plane import GoalPlane
 from .pose_uncertainty import ArrivalMargin, bound_symmetry, split_directions
+from .vector_history import VectorHistory
 from .view_check import MIN_VIEWS, ViewCheck
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ class ArrivalCheck:
             hold: averaging time, s; 0 evaluates each image separately.
         """
         self._goal, self._scheme, self._hold = goal, scheme, float(hold)
-        self._errors, self._offsets = VectorHistory(), VectorHistory()
+        self._errors, self._offsets = VectorHistory(), VectorHistory(max_count=MAX_WINDOW)
         self._view_check = ViewCheck(goal)
         # Both are created at the first arrival, because most images are not at the goal.
         self._ambiguous_poses: AmbiguousPoses | None = None
@@ -102,11 +102,11 @@ class ArrivalCheck:
                 move the camera. None for a free camera.
         """
         goal, error = self._goal, scheme_output.error
-        if len(self._errors) and self._errors.width != len(error):
+        if self._errors.width != len(error):
             self.clear()
         self._errors.add(observation.stamp, error)
         is_far, old_count, settled = _evaluate_errors(
-            self._errors.stamps, self._errors.errors, self._tolerances, self._hold,
+            self._errors.stamps, self._errors.rows, self._tolerances, self._hold,
             HYSTERESIS if self._is_reached else 1.0,
         )  # fmt: skip
         self._errors.drop_oldest(old_count)
@@ -123,12 +123,11 @@ class ArrivalCheck:
             self._offsets.clear()
         else:
             self._offsets.add(observation.stamp, row)
-            self._offsets.drop_oldest(max(len(self._offsets) - MAX_WINDOW, 0))
         offsets, reason = None, ""
         if settled and row is not None:
             offsets, reason = compute_mean_offset(
                 self._offsets.stamps,
-                self._offsets.errors,
+                self._offsets.rows,
                 compute_observable(scheme_output, directions[1], goal.distance),
                 len(self._errors),
                 self._is_reached,
@@ -174,13 +173,13 @@ class ArrivalCheck:
         # The margin is computed again after the error has decreased, because the features become
         # more accurate near the goal.
         if self._margin is None or self._error_size > NEGLIGIBLE_ERROR:
-            mean_error = self._errors.errors.mean(axis=0)
+            mean_error = self._errors.rows.mean(axis=0)
             size = float(np.linalg.norm(mean_error / self._tolerances))
             if self._margin is None or size < RENEWAL_RATIO * self._error_size:
                 self._error_size = size
                 self._renew_margin(scheme_output, observation, free, offsets)
         if self._images <= VIEW_PERIOD or self._images % VIEW_PERIOD == 0:
-            mean_offset = self._offsets.errors[-len(self._view_check) :, :6].mean(axis=0)
+            mean_offset = self._offsets.rows[-len(self._view_check) :, :6].mean(axis=0)
             self._compare_views(
                 self._margin.compute_offset(held_offset, mean_offset), scheme_output.ambiguity
             )
@@ -199,7 +198,7 @@ class ArrivalCheck:
         """Model the uncertainty of the arrival at this image, and find other possible poses."""
         # The accuracy is estimated from the same images as the offset, so that both belong to the
         # same distance from the goal.
-        goal, latest = self._goal, self._errors.errors[-max(offsets.count, MIN_VIEWS) :]
+        goal, latest = self._goal, self._errors.rows[-max(offsets.count, MIN_VIEWS) :]
         if self._ambiguous_poses is None:
             from .ambiguous_poses import AmbiguousPoses
 

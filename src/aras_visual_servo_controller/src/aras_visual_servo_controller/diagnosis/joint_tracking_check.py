@@ -8,7 +8,7 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import jit
 
-from ..observation.vector_history import VectorHistory
+from .vector_history import VectorHistory
 
 SPAN = 1.5  # duration over which joint states are evaluated, s
 # If the loop waits for any joint in more than this fraction of the images, all joints for which
@@ -49,7 +49,7 @@ class JointTrackingCheck:
         # Units in which the columns of `_samples` are stored: 1 for the flags of waiting, and
         # `lengths` for commanded and measured velocities.
         self._units = np.concatenate([waits, waits * lengths, waits * lengths])
-        self._samples = VectorHistory()
+        self._samples = VectorHistory(SPAN)
         self._new_images = 0
         self.joints, self.reason = "", ""
         # Whether the lagging joints move towards their commands, but too slowly.
@@ -70,12 +70,11 @@ class JointTrackingCheck:
         self._new_images += 1
         if self._new_images >= CHECK_PERIOD:
             self._new_images = 0
-            samples.drop_before(stamp - SPAN)
             self._judge(stamp - samples.stamps[0])
 
     def _judge(self, span: float) -> None:
         lags, oscillates, max_speed = _find_faulty_joints(
-            self._samples.errors, self._units, span
+            self._samples.rows, self._units, span
         )
         self.joints, self.is_slow, self.reason = "", True, ""
         is_oscillating = oscillates.any()

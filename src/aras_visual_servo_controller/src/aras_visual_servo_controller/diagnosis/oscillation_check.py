@@ -6,7 +6,7 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import jit
 
-from ..observation.vector_history import VectorHistory
+from .vector_history import VectorHistory
 
 # Largest probability with which white noise may be mistaken for an oscillation at one frequency.
 MAX_CHANCE = 1e-8
@@ -32,7 +32,7 @@ class OscillationCheck:
     """
 
     def __init__(self) -> None:
-        self._errors, self._new_images = VectorHistory(), 0
+        self._errors, self._new_images = VectorHistory(SPANS[-1]), 0
 
     def add(self, stamp: float, error: np.ndarray) -> float | None:
         """Add the error (k,) of an image, in units of the tolerance.
@@ -40,9 +40,8 @@ class OscillationCheck:
         Return the frequency of its oscillation (Hz), or None if it does not oscillate.
         """
         self._errors.add(stamp, error)
-        self._errors.drop_before(stamp - SPANS[-1])
         self._new_images += 1
-        frequency = _find_frequency(self._errors.stamps, self._errors.errors, self._new_images)
+        frequency = _find_frequency(self._errors.stamps, self._errors.rows, self._new_images)
         return frequency if frequency > 0.0 else None
 
     @property
@@ -62,7 +61,7 @@ class OscillationCheck:
     @property
     def has_overshot(self) -> bool:
         """Return whether an error component has been both clearly positive and clearly negative."""
-        errors = self._errors.errors
+        errors = self._errors.rows
         return bool(((errors > MIN_HEIGHT).any(0) & (errors < -MIN_HEIGHT).any(0)).any())
 
     def _find_turning_points(self, count: int) -> np.ndarray:
@@ -71,7 +70,7 @@ class OscillationCheck:
         Return an empty array if the component has the same sign at two successive turning points,
         or if it reverses as often as noise.
         """
-        errors = self._errors.errors
+        errors = self._errors.rows
         if len(errors) < 3:
             return np.zeros(0)
         error = errors[:, _find_largest_error(errors)].copy()

@@ -10,7 +10,6 @@ import numpy as np
 from aras_visual_servo_base.compiled import jit
 
 from ..goals.goal import DEFAULT_DEPTH
-from ..observation.vector_history import VectorHistory
 from ..records.outcomes import Outcome, make_outcome
 from ..records.state import SERVOING, ServoState
 from .advice import suggest_larger_target, suggest_longer_watchdog, suggest_more_time
@@ -23,6 +22,7 @@ from .stall_causes import (
     find_rank_loss,
     find_saturation,
 )
+from .vector_history import VectorHistory
 
 WINDOW = 1.5  # time over which the decrease of the error is evaluated, s
 # There is no progress if the mean error in the second half of WINDOW exceeds this fraction of the
@@ -57,7 +57,7 @@ class ProgressCheck:
         self._images: deque[ServoedImage] = deque()
         # Error (k,) of each of these images and its size, in units of the tolerance. If the number
         # of components changes, the earlier images are removed from the history.
-        self._errors = VectorHistory()
+        self._errors = VectorHistory(WINDOW)
         self._noise: float | None = None  # result of `noise`; None until it is computed
         self._duration = duration
         self._image_count = self._slowed_count = 0
@@ -106,7 +106,6 @@ class ProgressCheck:
         self._noise = None
         while self._images[0].state.stamp < stamp - WINDOW:
             self._images.popleft()
-        self._errors.drop_oldest(max(len(self._errors) - len(self._images), 0))
         return error
 
     @property
@@ -121,7 +120,7 @@ class ProgressCheck:
             Whether the error has decreased, or its mean is within the tolerances; whether its mean
             in the second half is within the tolerances, so that only noise remains.
         """
-        before, after, is_within = _compare_halves(self._sizes, self._errors.errors)
+        before, after, is_within = _compare_halves(self._sizes, self._errors.rows)
         is_decreasing = after < 1.0 or after < MIN_PROGRESS * before
         return is_within or is_decreasing or len(self._images) < 2, is_within
 
@@ -129,7 +128,7 @@ class ProgressCheck:
     def _sizes(self) -> np.ndarray:
         """Return the sizes (m,) of the errors of all images, in units of the tolerance."""
         if 0 < len(self._errors) == len(self._images):
-            return self._errors.errors[:, -1]
+            return self._errors.rows[:, -1]
         return np.array([image.error_size for image in self._images])
 
     @property
@@ -186,7 +185,7 @@ class ProgressCheck:
         return self._noise
 
     def _estimate_noise(self) -> float:
-        errors = self._errors.errors[:, :-1]
+        errors = self._errors.rows[:, :-1]
         if len(errors) != len(self._images) or len(errors) < 10:
             return 0.0
         scatter = errors.std(axis=0)
@@ -290,7 +289,7 @@ class ProgressCheck:
             return ""
         scale = np.repeat((last.depth, 1.0), 3)
         inverse = np.linalg.pinv(L * scale / last.tolerances[:, None], rcond=1e-6)
-        pose = (self._errors.errors[:, :-1] @ inverse.T * scale).std(axis=0)
+        pose = (self._errors.rows[:, :-1] @ inverse.T * scale).std(axis=0)
         distance, angle = 1e3 * np.linalg.norm(pose[:3]), np.degrees(np.linalg.norm(pose[3:]))
         return (
             f": one image determines the camera's pose to {distance:.2g} mm and "

@@ -15,7 +15,6 @@ from aras_visual_servo_camera.interaction import point_interaction
 
 from ..goals.goal import Goal
 from ..observation.observation import Observation
-from ..observation.vector_history import VectorHistory
 from .feature_rows import DRIFT, ERROR, FIRST_L, IS_ANGLE, TOLERANCE, pack_features
 from .motion_fits import (
     compute_mixed_effects,
@@ -25,6 +24,7 @@ from .motion_fits import (
     fit_oscillation,
     sum_groups,
 )
+from .vector_history import VectorHistory
 
 # Columns of a row of the fit: motion and pose of the camera. The last column is the duration.
 MOTION, POSE = slice(-23, -17), slice(-17, -1)
@@ -97,7 +97,7 @@ class TargetMotionCheck:
         # Rows of the fit: motion of the k features over at least ROW_PERIOD (k), mean L (6 k),
         # motion (6,) and pose (16,) of the camera, and duration (s). Feature motions and L are in
         # units of the tolerance. The stamp is the middle of the period.
-        self._rows = VectorHistory()
+        self._rows = VectorHistory(self.SPAN)
         # Reference point of the target's twist, in m and world axes: the camera's position at the
         # first row.
         self._origin = np.zeros(3)
@@ -159,7 +159,6 @@ class TargetMotionCheck:
         if rows.width != len(row):  # there is no row yet, or the number of features has changed
             self._origin = pose[:3, 3]
         rows.add(stamp, row)
-        rows.drop_before(stamp - self.SPAN)
         self._start_row()
         self._new_rows += 1
         if len(rows) >= self.MIN_ROWS and self._new_rows >= self.CHECK_PERIOD:
@@ -168,7 +167,7 @@ class TargetMotionCheck:
 
     def _describe_motion(self) -> str:
         """Describe how the target moves; empty text if it is at rest."""
-        rows = self._rows.errors
+        rows = self._rows.rows
         count = (rows.shape[1] + MOTION.start) // 7
         feature_motion, L = rows[:, :count], rows[:, count : 7 * count].reshape(-1, count, 6)
         motion = rows[:, None, MOTION]
@@ -258,7 +257,7 @@ class TargetMotionCheck:
         Return inf if the camera follows a moving target, so that no camera model is fitted. See
         `_explain_motion` for the arguments.
         """
-        rows = self._rows.errors
+        rows = self._rows.rows
         motion_part = float(moved @ moved) / max(float(effect @ effect), 1e-12)
         if fit_depth(effect, moved) <= self.MIN_DEPTH_FACTOR and not (
             self.MIN_MOTION_PART < motion_part < 1.0 / self.MIN_MOTION_PART
@@ -276,7 +275,7 @@ class TargetMotionCheck:
         changes the image like the opposite twist of the camera. At the distance d from the
         reference point, the target's velocity is v + w x d.
         """
-        pose, duration = self._rows.errors[:, POSE].reshape(-1, 4, 4), self._rows.errors[:, -1]
+        pose, duration = self._rows.rows[:, POSE].reshape(-1, 4, 4), self._rows.rows[:, -1]
         camera_R_world = pose[:, :3, :3].swapaxes(1, 2)
         along, about = L[:, :, :3] @ camera_R_world, L[:, :, 3:] @ camera_R_world
         turned = np.cross(along, pose[:, None, :3, 3] - self._origin)

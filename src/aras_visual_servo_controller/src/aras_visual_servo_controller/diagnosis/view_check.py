@@ -19,7 +19,7 @@ from aras_visual_servo_camera import moment_feature_values as camera_features
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.interaction import Plane
 
-from ..observation.vector_history import VectorHistory
+from .vector_history import VectorHistory
 
 if TYPE_CHECKING:
     from aras_visual_servo_camera.moments import Moments
@@ -155,7 +155,7 @@ class ViewCheck:
         The noise (c, 10) is NOISE_DEVIATIONS standard deviations of the mean.
         """
         if self._average is None:
-            rows = self._views.errors
+            rows = self._views.rows
             mean = rows.sum(axis=0) / len(rows)
             deviation = NOISE_DEVIATIONS * (np.sqrt(((rows - mean) ** 2).sum(axis=0)) / len(rows))
             numbers = SHAPE_NUMBERS + len(PLACE_FEATURES)

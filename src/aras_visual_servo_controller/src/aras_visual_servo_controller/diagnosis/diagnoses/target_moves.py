@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -51,7 +51,7 @@ class TargetMoves(DiagnosisRule):
         elif getattr(run.scheme, "can_check_camera", True):
             for name, features in split_by_camera(
                 evidence.features, state.scheme_output.names, observation
-            ):
+            ).items():
                 check = evidence.camera_checks.get(name)
                 if check is None:
                     check = evidence.camera_checks[name] = CameraModelCheck(run.jacobian)
@@ -80,28 +80,23 @@ class TargetMoves(DiagnosisRule):
 
 def split_by_camera(
     features: np.ndarray | None, names: Sequence[str], observation: Observation
-) -> Iterator[tuple[str, np.ndarray | None]]:
-    """Split the features of an image by camera.
+) -> dict[str, np.ndarray | None]:
+    """Split the features of an image by camera, and return them by the camera's name.
 
     If there are several cameras, a feature that belongs to one of them is named 'camera.feature'.
-    All other features may use every camera and are returned with an empty camera name.
+    All other features may use every camera and have an empty camera name.
 
     Args:
         features: (k, 10) features of the image, see `feature_rows`; None if there is no L.
         names: (k,) names of the features.
         observation: observation of the image.
-
-    Yields:
-        The name of the camera, and its rows of `features`.
     """
     if not observation.other_cameras:
-        yield observation.name, features
-        return
+        return {observation.name: features}
     if features is None:
-        return
+        return {}
     rows: dict[str, list[int]] = {}
     for i, name in enumerate(names):
         camera = name.partition(".")[0]
         rows.setdefault(camera if camera in observation.cameras else "", []).append(i)
-    for camera, at in rows.items():
-        yield camera, features[at]
+    return {camera: features[at] for camera, at in rows.items()}

@@ -628,13 +628,13 @@ def test_a_known_offset_explains_where_the_target_is_seen():
     for stamp in range(3):
         check.add(Observation(stamp, 1.0, True, "", None, moments=seen))
     here = Observation(2.0, 1.0, True, "", None, moments=seen)
-    check.set_expected_place(here, STRONG / np.repeat((1.0, 0.5), 3), np.zeros((6, 6)), 0.5)
+    check.set_expected_place(here, STRONG / np.repeat((1.0, 0.5), 3), np.zeros((6, 6)))
     assert check.compare_place(offset)[0] == ""
     assert "10.0 mm" in check.compare_place(np.zeros(6))[0]
     assert "20.0 mm" in check.compare_place(-offset)[0]
     # where no feature sees it, it is left open
     blind = STRONG[[1, 2, 3, 4, 5]]
-    check.set_expected_place(here, blind / np.repeat((1.0, 0.5), 3), np.zeros((6, 6)), 0.5)
+    check.set_expected_place(here, blind / np.repeat((1.0, 0.5), 3), np.zeros((6, 6)))
     text, unseen = check.compare_place(np.zeros(6))
     assert text == ""
     np.testing.assert_allclose(unseen, offset, atol=1e-9)

@@ -132,14 +132,13 @@ def suggest_scheme(candidate: Outcome, scheme: Scheme | JointController) -> Reme
         candidate: outcome that names the cause.
         scheme: scheme of the run.
     """
-    is_user = is_user_scheme(scheme)
     if candidate.kind == "singular":
         advice = (
             "use other features, more features or another posture; for rotations near 180 degrees "
             f"use {HALF_TURN_SCHEMES}"
         )
         return Remedy(advice, set_value("scheme", "moments"))
-    if is_user:
+    if is_user_scheme(scheme):
         return Remedy(
             "check whether a built-in scheme reaches the goal", set_value("scheme", "points")
         )

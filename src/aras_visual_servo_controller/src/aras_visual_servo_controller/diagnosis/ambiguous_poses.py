@@ -97,10 +97,8 @@ class AmbiguousPoses:
             here, there = 1.0, 1.0
             if observation.plane is not None:
                 plane = np.array(observation.plane)
-                here, there = (
-                    _compare_planes(plane, self._plane),
-                    _compare_planes(plane, pose.plane),
-                )
+                here = _compare_planes(plane, self._plane)
+                there = _compare_planes(plane, pose.plane)
             if here < NEARER_FACTOR * there:
                 continue
             if there >= NEARER_FACTOR * here:

@@ -101,7 +101,7 @@ class ArrivalCheck:
             ik_solution: joint velocities for the task; they show in which directions the arm can
                 move the camera. None for a free camera.
         """
-        goal, error = self._goal, scheme_output.error
+        goal, error, ambiguity = self._goal, scheme_output.error, scheme_output.ambiguity
         if self._errors.width != len(error):
             self.clear()
         self._errors.add(observation.stamp, error)
@@ -145,14 +145,8 @@ class ArrivalCheck:
             self._view_check.retain(max(1 if offsets is None else offsets.count, MIN_VIEWS))
         self._is_reached = True
         if offsets is None:
-            distance, angle = (
-                bound_symmetry(scheme_output.ambiguity, goal)
-                if scheme_output.ambiguity
-                else (nan, nan)
-            )
-            return ArrivalStatus(
-                True, pose_uncertainty=PoseUncertainty(distance, angle, scheme_output.ambiguity)
-            )
+            bounds = bound_symmetry(ambiguity, goal) if ambiguity else (nan, nan)
+            return ArrivalStatus(True, pose_uncertainty=PoseUncertainty(*bounds, ambiguity))
         return self._evaluate_arrival(scheme_output, observation, directions, offsets)
 
     @property
@@ -217,7 +211,7 @@ class ArrivalCheck:
             L = scheme_output.L / self._tolerances[:, None]
             self._view_check.set_expected_place(
                 observation, L / np.repeat((1.0, goal.distance), 3),
-                self._margin.compute_covariance(offsets), goal.distance,
+                self._margin.compute_covariance(offsets),
             )  # fmt: skip
 
     def _compare_views(self, offset: np.ndarray, ambiguity: str) -> None:

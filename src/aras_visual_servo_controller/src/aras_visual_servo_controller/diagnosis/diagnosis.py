@@ -86,11 +86,9 @@ class Diagnosis:
         # first found.
         self._candidate: tuple[str, float] | None = None
         self._is_ended = False
-        self._starvation_count, self._starvation_outcome, self._starvation_stamp = (
-            0,
-            Outcome(),
-            -np.inf,
-        )
+        # Number of stops by the watchdog, stamp of the last one (s), and its outcome.
+        self._starvation_count, self._starvation_stamp = 0, -np.inf
+        self._starvation_outcome = Outcome()
 
     @property
     def outcome(self) -> Outcome:

@@ -92,11 +92,9 @@ class Evidence:
 
         Return an empty text if they agree with L, or if the noise is too large to decide.
         """
-        return (
-            ""
-            if self.progress_check.noise
-            else self.motion_check.find_contradiction(self.target_check.is_moving)
-        )
+        if self.progress_check.noise:
+            return ""
+        return self.motion_check.find_contradiction(self.target_check.is_moving)
 
     def find_camera_fault(self, observation: Observation) -> str:
         """Describe how the features contradict the camera model.

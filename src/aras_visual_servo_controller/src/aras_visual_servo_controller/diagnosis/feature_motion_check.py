@@ -140,10 +140,8 @@ class FeatureMotionCheck:
             is_target_moving: whether the target moves. If it does, single features that move
                 opposite to their prediction by L are ignored.
         """
-        steps, text = (
-            self.step_check,
-            "the features do not move as L and the arm's motion predict",
-        )
+        steps = self.step_check
+        text = "the features do not move as L and the arm's motion predict"
         if not (steps.has_enough_motion and self.is_current_interaction):
             return ""
         if (

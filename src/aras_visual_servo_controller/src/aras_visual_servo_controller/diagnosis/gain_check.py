@@ -60,11 +60,8 @@ class GainCheck:
         self._scheme = scheme
         if self._last_stamp is not None:
             age += 0.5 * (stamp - self._last_stamp)
-            self._mean_age = (
-                age
-                if self._mean_age is None
-                else self._mean_age + AGE_FILTER * (age - self._mean_age)
-            )
+            before = age if self._mean_age is None else self._mean_age
+            self._mean_age = before + AGE_FILTER * (age - before)
         self._last_stamp = stamp
         frequency = self._oscillation.add(stamp, error)
         if frequency is not None and can_oscillate(scheme, frequency):

@@ -45,10 +45,7 @@ class JointTrackingCheck:
             names: names of the n joints.
             lengths: (n,) motion of each joint (rad or m) that counts as one unit.
         """
-        self._names, waits = tuple(names), np.ones(len(names))
-        # Units in which the columns of `_samples` are stored: 1 for the flags of waiting, and
-        # `lengths` for commanded and measured velocities.
-        self._units = np.concatenate([waits, waits * lengths, waits * lengths])
+        self._names, self._lengths = tuple(names), np.ones(len(names)) * lengths
         self._samples = VectorHistory(SPAN)
         self._new_images = 0
         self.joints, self.reason = "", ""
@@ -73,9 +70,7 @@ class JointTrackingCheck:
             self._judge(stamp - samples.stamps[0])
 
     def _judge(self, span: float) -> None:
-        lags, oscillates, max_speed = _find_faulty_joints(
-            self._samples.rows, self._units, span
-        )
+        lags, oscillates, max_speed = _find_faulty_joints(self._samples.rows, self._lengths, span)
         self.joints, self.is_slow, self.reason = "", True, ""
         is_oscillating = oscillates.any()
         if not is_oscillating and not lags.any():
@@ -113,13 +108,13 @@ def describe_foreign_nodes(nodes: Mapping[str, str]) -> str:
 
 
 @jit("f8[:,:], f8[:], f8")
-def _find_faulty_joints(rows, units, span):
+def _find_faulty_joints(rows, lengths, span):
     """Find the joints that lag behind their commands or oscillate.
 
     Args:
         rows: (m, 3 n) one row per image: whether the loop waits for each joint, commanded
             velocities, measured velocities.
-        units: (3 n,) units of the columns.
+        lengths: (n,) motion of each joint (rad or m) that counts as one unit.
         span: time that the images cover, s.
 
     Returns:
@@ -132,7 +127,7 @@ def _find_faulty_joints(rows, units, span):
     for row in rows:
         any_late = 0.0
         for i in range(n):
-            commanded, measured = row[n + i] / units[n + i], row[2 * n + i] / units[2 * n + i]
+            commanded, measured = row[n + i] / lengths[i], row[2 * n + i] / lengths[i]
             sums[0, i] += row[i]
             sums[1, i] += commanded * measured
             sums[2, i] += commanded * commanded

@@ -24,7 +24,7 @@ import numpy as np
 from aras_visual_servo_base.poses import pose_difference
 from aras_visual_servo_camera.interaction import Plane
 
-from ..goals.goal import DEFAULT_DEPTH
+from ..goals.goal import DEFAULT_DEPTH, Goal
 from ..kinematics.held_directions import compute_held_directions
 from ..records.outcomes import NO_REMEDY, PoseUncertainty
 from ..records.remedy import Remedy
@@ -38,7 +38,6 @@ from .offset_statistics import (
 )
 
 if TYPE_CHECKING:
-    from ..goals.goal import Goal
     from ..kinematics.ik_solution import IKSolution
     from ..observation.observation import Observation
     from ..schemes.base import SchemeOutput
@@ -331,17 +330,12 @@ def bound_symmetry(ambiguity: str, goal: Goal) -> tuple[float, float]:
     step = radians(float(found[1]))
     angle = step * max(round(pi / step - 0.01), 1)
     angle = min(angle, 2.0 * pi - angle)
-    plane = _get_plane(goal)
+    plane = goal.plane or Plane.fronto_parallel(goal.distance)
     x, y = _get_centre(goal)
     centre = np.array([x, y, 1.0]) / plane.inverse_depth(x, y)
     normal = np.array(plane) / np.linalg.norm(plane)
     axis_distance = float(np.linalg.norm(np.cross(centre, normal)))
     return 2.0 * axis_distance * sin(0.5 * angle), angle
-
-
-def _get_plane(goal: Goal) -> Plane:
-    """Return the target's plane at the goal."""
-    return goal.plane or Plane.fronto_parallel(goal.distance)
 
 
 def _get_centre(goal: Goal) -> np.ndarray:

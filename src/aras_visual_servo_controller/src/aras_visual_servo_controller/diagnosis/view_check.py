@@ -99,7 +99,7 @@ class ViewCheck:
         self._views.drop_oldest(max(len(self._views) - count, 0))
 
     def set_expected_place(
-        self, observation: Observation, L: np.ndarray, covariance: np.ndarray, depth: float
+        self, observation: Observation, L: np.ndarray, covariance: np.ndarray
     ) -> None:
         """Set how much the target's position and size may differ from the goal's.
 
@@ -109,10 +109,11 @@ class ViewCheck:
                 are scaled: they are in rad times the target's depth.
             covariance: (6, 6) covariance of the camera's offset from the goal, with rotations
                 scaled in the same way.
-            depth: depth of the target at the goal, m.
         """
         views = (observation, *observation.other_cameras.values())
-        self._expected_place = _ExpectedPlace(views, self._goal_views, L, covariance, depth)
+        self._expected_place = _ExpectedPlace(
+            views, self._goal_views, L, covariance, self._goal.distance
+        )
 
     def has_other_shape(self, is_turned: bool = False) -> bool:
         """Return whether the outline of the target differs from the goal's by more than noise.
@@ -224,7 +225,8 @@ class _ExpectedPlace:
     """Limits for differences between the target's position and size and those at the goal.
 
     They are computed when the first view is compared. The arguments are the observation and the
-    desired view of each camera, and those of `ViewCheck.set_expected_place`.
+    desired view of each camera, those of `ViewCheck.set_expected_place`, and the depth (m) of the
+    target at the goal.
     """
 
     def __init__(

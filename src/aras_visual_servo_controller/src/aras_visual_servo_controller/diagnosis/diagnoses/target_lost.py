@@ -74,11 +74,8 @@ class TargetLost(DiagnosisRule):
 def _explain_loss(state: ServoState, observation: Observation, evidence: Evidence) -> Outcome:
     """Return the outcome for a lost target."""
     loss = f"the target was lost at {state.stamp:.2f} s: {state.reason}"
-    unreachable, motion, is_covered = (
-        evidence.run_context.unreachable_reason,
-        evidence.motion_check,
-        evidence.is_occluded,
-    )
+    unreachable = evidence.run_context.unreachable_reason
+    motion, is_covered = evidence.motion_check, evidence.is_occluded
     if unreachable:
         return make_outcome("out_of_reach", f"{unreachable}; on the path there {loss}")
     if fault := motion.find_scheme_fault(state.stamp, state.phase == CONVERGED):

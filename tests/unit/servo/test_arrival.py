@@ -346,8 +346,9 @@ def test_what_is_left_open_is_what_the_inverse_of_L_makes_of_it(seed, rows, mode
     decision = an_output(error, L, modelled, residual=error if seed else None)
     held_offset, directions = split_directions(here, goal, modelled, arm)
     left = ArrivalMargin(
-        decision, GoalPlane(goal, camera), directions, other if seed else error, accuracy
-    ).bound_uncertainty(here, held_offset, offsets)
+        decision, GoalPlane(goal, camera), directions, other if seed else error, accuracy,
+        np.zeros(len(error)), np.zeros((6, 6)),
+    ).bound_uncertainty(here, held_offset, offsets, np.zeros(6), ())  # fmt: skip
 
     scale, held = np.array([1.0] * 3 + [depth] * 3), np.zeros(6)
     free = arm.jacobian if joints else None

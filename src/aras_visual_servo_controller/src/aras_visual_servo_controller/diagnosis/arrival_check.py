@@ -88,11 +88,9 @@ class ArrivalCheck:
         self._error_size = 0.0
 
     def add(
-        self,
-        scheme_output: SchemeOutput,
-        observation: Observation,
+        self, scheme_output: SchemeOutput, observation: Observation,
         ik_solution: IKSolution | None = None,
-    ) -> ArrivalStatus:
+    ) -> ArrivalStatus:  # fmt: skip
         """Add one image and return the arrival status.
 
         Args:
@@ -125,14 +123,11 @@ class ArrivalCheck:
             self._offsets.add(observation.stamp, row)
         offsets, reason = None, ""
         if settled and row is not None:
+            observable = compute_observable(scheme_output, directions[1], goal.distance)
             offsets, reason = compute_mean_offset(
-                self._offsets.stamps,
-                self._offsets.rows,
-                compute_observable(scheme_output, directions[1], goal.distance),
-                len(self._errors),
-                self._is_reached,
-                goal.distance,
-            )
+                self._offsets.stamps, self._offsets.rows, observable, len(self._errors),
+                self._is_reached, goal.distance,
+            )  # fmt: skip
         self._view_check.add(observation)
         if not settled or reason:
             if self._is_reached:
@@ -155,12 +150,9 @@ class ArrivalCheck:
         return np.asarray(self._scheme.tolerances, float)
 
     def _evaluate_arrival(
-        self,
-        scheme_output: SchemeOutput,
-        observation: Observation,
-        directions: tuple[np.ndarray, np.ndarray],
-        offsets: PoseOffsets,
-    ) -> ArrivalStatus:
+        self, scheme_output: SchemeOutput, observation: Observation,
+        directions: tuple[np.ndarray, np.ndarray], offsets: PoseOffsets,
+    ) -> ArrivalStatus:  # fmt: skip
         """Return the arrival status, with the remaining uncertainty, of a camera at its goal."""
         held_offset, free = directions
         self._images += 1
@@ -183,12 +175,9 @@ class ArrivalCheck:
         return ArrivalStatus(True, "", self._wrong_pose_reason, uncertainty)
 
     def _renew_margin(
-        self,
-        scheme_output: SchemeOutput,
-        observation: Observation,
-        free: np.ndarray,
+        self, scheme_output: SchemeOutput, observation: Observation, free: np.ndarray,
         offsets: PoseOffsets,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Model the uncertainty of the arrival at this image, and find other possible poses."""
         # The accuracy is estimated from the same images as the offset, so that both belong to the
         # same distance from the goal.

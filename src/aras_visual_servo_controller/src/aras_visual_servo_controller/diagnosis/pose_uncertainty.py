@@ -103,8 +103,8 @@ class ArrivalMargin:
         free: np.ndarray,
         error: np.ndarray,
         accuracy: np.ndarray | float | None,
-        noise: np.ndarray | float = 0.0,
-        scatter: np.ndarray | None = None,
+        noise: np.ndarray,
+        scatter: np.ndarray,
     ) -> None:
         """Create the model from the image with which the camera reached its goal.
 
@@ -145,9 +145,8 @@ class ArrivalMargin:
             spread = np.vstack([spread, np.zeros((len(s) - len(spread), spread.shape[1]))])
             is_measured &= np.linalg.norm(spread, axis=1) <= MAX_LINEAR_OFFSET / Z_997 * depth * s
         along = vt @ free
-        if scatter is not None:
-            variance = ((along * scale) @ scatter * (along * scale)).sum(axis=1)
-            is_measured &= np.sqrt(np.maximum(variance, 0.0)) <= MAX_SCATTER * depth
+        variance = ((along * scale) @ scatter * (along * scale)).sum(axis=1)
+        is_measured &= np.sqrt(np.maximum(variance, 0.0)) <= MAX_SCATTER * depth
         inverse = np.divide(1.0, s, out=np.zeros_like(s), where=is_measured)
         # `out` (6, f) maps U^T e to an offset of the camera, where L = U S V^T.
         out = free.T @ vt.T * inverse
@@ -173,8 +172,8 @@ class ArrivalMargin:
         observation: Observation,
         held_offset: np.ndarray,
         offsets: PoseOffsets,
-        unseen_motion: np.ndarray | None = None,
-        poses: Sequence[AmbiguousPose] = (),
+        unseen_motion: np.ndarray,
+        poses: Sequence[AmbiguousPose],
     ) -> PoseUncertainty:
         """Bound the distance of the camera from its goal at one image.
 
@@ -191,14 +190,9 @@ class ArrivalMargin:
         """
         scatter_part = self._compute_scatter_part(offsets)
         distance, angle = compute_bounds(
-            offsets.mean,
-            offsets.scatter,
-            self._measurement_covariance,
-            scatter_part,
-            self._coupling,
-            held_offset,
-            self._scale,
-        )
+            offsets.mean, offsets.scatter, self._measurement_covariance, scatter_part,
+            self._coupling, held_offset, self._scale,
+        )  # fmt: skip
         distance += REST_MOTION[0] * self._depth + REACTION_TIME * offsets.speed[0]
         angle = angle / self._depth + REST_MOTION[1] + REACTION_TIME * offsets.speed[1]
         parts = [self._ambiguity] if self._ambiguity else []
@@ -223,7 +217,7 @@ class ArrivalMargin:
                 )
                 distance, angle = distance + plane_distance, min(angle + plane_angle, pi)
                 cause, remedy = PLANE_REASON, CHECK_CALIBRATION
-            if unseen_motion is not None and unseen_motion.any():
+            if unseen_motion.any():
                 distance += float(np.linalg.norm(unseen_motion[:3]))
                 angle += float(np.linalg.norm(unseen_motion[3:])) / self._depth
                 cause = "because the view differs by a motion that no feature measures"

@@ -97,11 +97,8 @@ def _compute_speed(twist: np.ndarray, depth: float) -> float:
 def find_limit(images: Sequence[ServoedImage]) -> Outcome | None:
     """Return the outcome for joints at their position limits, or None."""
     # List comprehensions are used, because generators would need a call for each image.
-    stopped = [
-        image.state.ik_solution.stopped_joints
-        for image in images
-        if image.state.ik_solution is not None and image.state.ik_solution.stopped_joints
-    ]
+    solutions = [image.state.ik_solution for image in images]
+    stopped = [one.stopped_joints for one in solutions if one is not None and one.stopped_joints]
     if not images or len(stopped) < MIN_IMAGE_PART * len(images):
         return None
     joints = ", ".join(sorted({name for names in stopped for name in names}))

@@ -295,6 +295,12 @@ def test_hold_of_zero_judges_each_image():
     assert feed(Watched(0.0), [2.0, 0.5, 1.2, 1.7, 0.5]) == [False, True, True, False, True]
 
 
+def test_errors_of_another_length_are_a_new_arrival():
+    arrival = Watched(0.0)
+    assert feed(arrival, [0.5, 1.2]) == [True, True]  # 1.2 is near enough only after an arrival
+    assert not shown(arrival, 0.2, [1.2, 1.2]).is_reached
+
+
 # -- what is left open -------------------------------------------------------------------------
 
 STRONG = np.diag([1e3, 1e3, 1e3, 573.0, 573.0, 573.0])

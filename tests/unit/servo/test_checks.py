@@ -297,9 +297,9 @@ def test_a_target_that_a_growing_swing_has_lost_before_its_frequency_is_known(gr
 # -- joints that do not follow their commands or oscillate are reported -------------------------
 
 
-def by_joints(images, commanded, measured, late=lambda k: (False, False), begin=7.0):
+def by_joints(images, commanded, measured, late=lambda k: (False, False), begin=7.0, lengths=1.0):
     """A JointTrackingCheck of J1 and J2 that was shown velocities (2,) by image, 30 a second."""
-    check = JointTrackingCheck(("J1", "J2"))
+    check = JointTrackingCheck(("J1", "J2"), lengths)
     for k in range(images):
         check.add(begin + k / 30.0, np.array(late(k)), np.array(commanded(k), float),
                   np.array(measured(k), float))  # fmt: skip
@@ -322,6 +322,18 @@ def test_a_joint_that_swings_by_itself_is_told_at_once_and_before_what_it_does_t
         )
     late = by_joints(60, lambda k: [np.cos(0.3 * k)] * 2, lambda k: [np.cos(0.3 * k - 1.0)] * 2)
     assert not late.reason  # one that follows a swinging command, late
+
+
+def test_the_speed_of_a_sliding_joint_is_measured_in_its_own_length():
+    def swing(k):
+        return 0.0, 0.2 * np.cos(40.0 * k / 30.0)
+
+    assert not by_joints(15, lambda k: (0.0, 0.0), swing).joints
+    assert by_joints(15, lambda k: (0.0, 0.0), swing, lengths=np.array([1.0, 0.2])).joints == "J2"
+    assert not by_joints(15, lambda k: (0.0, 0.0), swing, lengths=np.array([0.2, 1.0])).joints
+    # a command in the same units as the motion is no difference
+    same = by_joints(15, swing, swing, lengths=np.array([1.0, 0.2]))
+    assert not same.joints
 
 
 @pytest.mark.parametrize(("of_ten", "gone", "told"), [

@@ -329,7 +329,8 @@ def test_the_speed_of_a_sliding_joint_is_measured_in_its_own_length():
         return 0.0, 0.2 * np.cos(40.0 * k / 30.0)
 
     assert not by_joints(15, lambda k: (0.0, 0.0), swing).joints
-    assert by_joints(15, lambda k: (0.0, 0.0), swing, lengths=np.array([1.0, 0.2])).joints == "J2"
+    slides = by_joints(15, lambda k: (0.0, 0.0), swing, lengths=np.array([1.0, 0.2]))
+    assert slides.joints == "J2" and slides.reason.endswith("at up to 0.2 rad/s or m/s")
     assert not by_joints(15, lambda k: (0.0, 0.0), swing, lengths=np.array([0.2, 1.0])).joints
     # a command in the same units as the motion is no difference
     same = by_joints(15, swing, swing, lengths=np.array([1.0, 0.2]))
@@ -439,6 +440,17 @@ def test_the_drift_starts_again_if_the_number_of_features_changes():
         check.add(features, ("x", "y", "size")[:count], an_image(k * DT, DT, still))
         assert check.has_drift is (k >= 7)
     assert check.feature_correlations.tolist() == [0.0, 0.0]
+
+
+def test_the_names_are_those_of_the_features_that_the_correlations_belong_to():
+    """Also at the first image with L, and at the first image with other features."""
+    check = StepCheck()
+    for k, count in enumerate((None, 3, 3, 3, 2, 2, None, 3)):
+        features = None if count is None else pack_features(
+            np.full(count, 1e-2 * k), np.ones((count, 6)), 0.0, 1e-3, False)  # fmt: skip
+        check.add(features, ("x", "y", "size")[:count], an_image(k * DT, DT, np.ones(6)))
+        assert len(check.names) == len(check.feature_correlations)
+    assert check.names == ("x", "y")
 
 
 @pytest.mark.parametrize("feature", range(COUNT))

@@ -48,7 +48,7 @@ NEGLIGIBLE_ERROR = 0.1
 VIEW_PERIOD = 8
 ALIKE_REASON = "several camera poses give the same image points as the goal"
 OTHER_VIEW_REASON = "every feature is at its goal, but the image differs from the goal's"
-ROUNDING = 1e-9  # numerical tolerance of times, s
+TIME_ROUNDING = 1e-9  # numerical tolerance of times, s
 
 
 class ArrivalCheck:
@@ -232,7 +232,7 @@ class ArrivalCheck:
 
 @jit("f8[:], f8[:,:], f8[:], f8, f8", allocates=False)
 def _evaluate_errors(stamps, errors, tolerances, hold, factor):
-    """Return whether the errors of m images show that the features have settled.
+    """Evaluate the errors of m images: are they far off, and have the features settled?
 
     The features have settled if the mean error of the last `hold` seconds is within the tolerances,
     with little scatter: the rms deviation of the errors from their mean must be below MAX_SCATTER
@@ -252,13 +252,13 @@ def _evaluate_errors(stamps, errors, tolerances, hold, factor):
     is_far, count, now = False, len(stamps), stamps[len(stamps) - 1]
     for k in range(len(tolerances)):
         is_far |= abs(errors[count - 1, k]) > FAR_TOLERANCES * tolerances[k]
-    # One image older than `hold` seconds is kept. It shows that the images cover the whole
+    # One image older than `hold` seconds is retained. It shows that the images cover the whole
     # averaging time.
     min_count, first = MIN_IMAGES if hold > 0.0 else 1, 0
-    while first < count - min_count and stamps[first + 1] <= now - hold + ROUNDING:
+    while first < count - min_count and stamps[first + 1] <= now - hold + TIME_ROUNDING:
         first += 1
     count -= first
-    if count < min_count or now - stamps[first] < hold - ROUNDING:
+    if count < min_count or now - stamps[first] < hold - TIME_ROUNDING:
         return is_far, first, False
     for k in range(len(tolerances)):
         limit, mean, square = tolerances[k] * factor, 0.0, 0.0

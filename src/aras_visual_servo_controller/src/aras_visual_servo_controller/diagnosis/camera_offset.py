@@ -34,8 +34,9 @@ if TYPE_CHECKING:
 
 # Largest offset from the goal of a camera that has arrived: translation as a fraction of the
 # target's depth, rotation in rad. The limit is needed in addition to the tolerances of the
-# features, because some directions of camera motion hardly change the features. Times
-# OFFSET_FACTORS, it is below NEGLIGIBLE_UNCERTAINTY.
+# features, because some directions of camera motion hardly change the features. Times the
+# OFFSET_FACTORS of offset_statistics.py, it is below the NEGLIGIBLE_UNCERTAINTY of
+# pose_uncertainty.py.
 GOAL_TOLERANCE = (8e-4, 3.5e-3)
 # After its arrival, the camera may exceed the tolerances of the features and GOAL_TOLERANCE by this
 # factor.
@@ -54,7 +55,7 @@ MAX_ROWS = 64
 # A direction of camera motion is not measured if its singular value of L is below this fraction of
 # the largest one.
 RANK_TOLERANCE = 1e-6
-ROUNDING = 1e-9  # numerical tolerance of angles (rad) and lengths (m)
+OFFSET_ROUNDING = 1e-9  # numerical tolerance of angles (rad) and lengths (m)
 NO_POSE = np.full((4, 4), np.nan)
 
 
@@ -286,7 +287,7 @@ def _estimate_noise(rows, count, depth):
                 step -= rows[i - 1, a] - rows[i - 2, a]
             noise[a] += step * step
         noise[a] = np.sqrt(noise[a] / steps / (6.0 if order == 2 else 2.0))
-        noise[a] += ROUNDING * depth / DEFAULT_DEPTH if a < 3 else ROUNDING
+        noise[a] += OFFSET_ROUNDING * depth / DEFAULT_DEPTH if a < 3 else OFFSET_ROUNDING
     return noise
 
 

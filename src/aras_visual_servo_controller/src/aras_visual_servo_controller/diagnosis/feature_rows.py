@@ -24,9 +24,11 @@ def pack_features(
     Args:
         error: (k,) error s - s*.
         L: (k, 6) interaction matrix of the error; None, or of another shape, if it is unknown.
-        error_drift: (k,) rate of the error due to the target's own motion, per s.
-        tolerances: (k,) tolerance of each component.
-        is_angle: (k,) whether each component is an angle, which may wrap.
+        error_drift: rate of the error due to the target's own motion, per s.
+        tolerances: tolerance of each component.
+        is_angle: whether each component is an angle, which may wrap.
+
+    The last three are arrays (k,), or one value for all components.
     """
     if L is None or L.shape != (len(error), 6):
         return None

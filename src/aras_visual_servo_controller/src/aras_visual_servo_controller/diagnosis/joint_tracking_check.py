@@ -19,10 +19,11 @@ MAX_WAITING_PART = 0.6
 # images, and the joint makes less than MIN_MOTION_PART of its commanded motion.
 MIN_WAITING_PART = 0.1
 MIN_MOTION_PART = 0.1
-# Lagging joints are slow, and not blocked, if all of them move faster than this (rad/s or m/s).
+# Lagging joints are slow, and not blocked, if all of them move faster than this, in units of
+# `lengths` per second (rad/s for joints that rotate).
 SLOW_SPEED = 1e-3
 # A joint oscillates if the rms difference between its measured and commanded velocities exceeds
-# both MIN_SPEED_ERROR (rad/s or m/s) and SPEED_ERROR_FACTOR times its rms commanded velocity.
+# both MIN_SPEED_ERROR, in the same unit, and SPEED_ERROR_FACTOR times its rms commanded velocity.
 MIN_SPEED_ERROR, SPEED_ERROR_FACTOR = 0.5, 3.0
 CHECK_PERIOD = 5  # number of images between two evaluations of the joints
 # Joint states that cover at least this duration (s) are needed to detect an oscillation of a
@@ -78,7 +79,7 @@ class JointTrackingCheck:
         self.joints = self._format_names(oscillates if is_oscillating else lags)
         self.is_slow = not is_oscillating and bool((max_speed[lags] > SLOW_SPEED).all())
         if is_oscillating:
-            fastest = max_speed[oscillates].max()
+            fastest = (max_speed * self._lengths)[oscillates].max()
             self.reason = (
                 f"the motion of {self.joints} oscillates without a command, at up to "
                 f"{fastest:.1f} rad/s or m/s"
@@ -118,7 +119,8 @@ def _find_faulty_joints(rows, lengths, span):
         span: time that the images cover, s.
 
     Returns:
-        Whether each joint lags (n,); whether it oscillates (n,); its largest measured speed (n,).
+        Whether each joint lags (n,); whether it oscillates (n,); its largest measured speed
+        (n,), in units of `lengths` per second.
     """
     count, n = rows.shape[0], rows.shape[1] // 3
     # Sums for each joint: images in which the loop waits for it, product of commanded and measured

@@ -120,7 +120,7 @@ class ProgressCheck:
             Whether the error has decreased, or its mean is within the tolerances; whether its mean
             in the second half is within the tolerances, so that only noise remains.
         """
-        before, after, is_within = _compare_halves(self._sizes, self._errors.rows)
+        before, after, is_within = _compute_halves(self._sizes, self._errors.rows)
         is_decreasing = after < 1.0 or after < MIN_PROGRESS * before
         return is_within or is_decreasing or len(self._images) < 2, is_within
 
@@ -298,7 +298,7 @@ class ProgressCheck:
 
 
 @jit("f8[:], f8[:,:]", allocates=False)
-def _compare_halves(sizes, errors):
+def _compute_halves(sizes, errors):
     """Compare the errors in the second half of m images with those in the first half.
 
     Args:

@@ -187,11 +187,12 @@ class StepCheck:
         before, self._last_features = self._last_features, features
         if features is None:
             return
-        self.names, count = names, len(features)
+        count = len(features)
         if before is None or observation.motion is None or len(before) != count:
             self._same_stamp, self._same_count, self._path = observation.stamp, 0, 0.0
             self._steps.clear()
             return
+        self.names = names
         if self._row.shape[1] != count:
             self._correlation_sums, self._row = np.zeros((3, count)), np.zeros((2, count))
             self._rest_sums = 0, 0.0, 0.0

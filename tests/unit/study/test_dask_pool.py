@@ -207,6 +207,12 @@ def test_what_went_wrong_with_a_chunk_is_told(pool_of, end, told):
         pool.wait_for_chunk()
 
 
+def test_no_chunk_can_be_waited_for_before_one_is_submitted(pool_of):
+    _, pool = pool_of()
+    with pytest.raises(StudyError, match="^the workers have no chunk: submit a chunk first$"):
+        pool.wait_for_chunk()
+
+
 @pytest.mark.parametrize("keys", [{}, {"scheduler": "tcp://there"}])
 def test_the_last_worker_may_be_gone_for_five_minutes_or_as_long_as_a_nanny_begins_it(
     pool_of, monkeypatch, keys

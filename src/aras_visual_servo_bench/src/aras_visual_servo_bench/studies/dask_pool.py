@@ -129,11 +129,11 @@ class DaskPool(Pool):
 
     def wait_for_chunk(self) -> FinishedChunk:
         """Wait until a chunk of runs is finished, and return it; see Pool.wait_for_chunk."""
-        if not self._tasks:
-            raise StudyError("the workers have no chunk: submit a chunk first")
         with _catch_lost_connection():
             while not self._finished.has_ready():
                 self._check_workers()
+                if not self._tasks:
+                    raise StudyError("the workers have no chunk: submit a chunk first")
                 time.sleep(POLL_PERIOD)
             future = next(self._finished)
             task = self._tasks.pop(future.key)

@@ -210,8 +210,7 @@ class Goal:
     def for_cameras(self, arms: Mapping[str, CameraKinematics]) -> Goal:
         """Return the goal for several cameras, the control camera first.
 
-        The view of a camera that the goal does not contain is computed from the target's geometry,
-        if the geometry is known.
+        A view that the goal lacks is computed from the geometry of the target, if it is known.
 
         Args:
             arms: kinematics of each camera, by name.

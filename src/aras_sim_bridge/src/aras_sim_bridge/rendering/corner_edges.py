@@ -7,6 +7,7 @@ import numpy as np
 from aras_visual_servo_base.compiled import jit, jit_inline
 
 from .pixel_visibility import BACKGROUND, NOTHING, SEVERAL
+from .shading import interpolate_light
 from .tiles import TILE
 
 # Smallest contrast of an edge, grey levels. Smaller differences are treated as smooth shading. If
@@ -25,17 +26,6 @@ def has_contrast(a, b):
         other = np.int32((b >> shift) & np.uint32(255))
         apart |= abs(one - other) > THRESHOLD
     return apart
-
-
-@jit_inline
-def _compute_brightness(side, light, m, rx, ry, rz):
-    """Return the light on triangle m at the point where a ray meets its plane."""
-    lit = w = 0.0
-    for k in range(3):
-        share = side[m, k, 0] * rx + side[m, k, 1] * ry + side[m, k, 2] * rz
-        w += share
-        lit += share * light[m, k]
-    return lit / w
 
 
 @jit_inline
@@ -139,8 +129,8 @@ def find_corner_edges(
                                   + matrices[c, 1, 2])
                             rz = (matrices[c, 2, 0] * xc + matrices[c, 2, 1] * yc
                                   + matrices[c, 2, 2])
-                            lit, known = _compute_brightness(side, light, m, rx, ry, rz), True
-                        edge = abs(_compute_brightness(side, light, other, rx, ry, rz) - lit
+                            lit, known = interpolate_light(side, light, m, rx, ry, rz), True
+                        edge = abs(interpolate_light(side, light, other, rx, ry, rz) - lit
                                    ) > THRESHOLD / 255.0
                     else:
                         one = sky if m == BACKGROUND else uniform[m]

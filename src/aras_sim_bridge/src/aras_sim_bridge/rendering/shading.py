@@ -152,7 +152,18 @@ def _compute_uniform_colours(triangle, light, albedo, layer):
 
 
 @jit_inline
-def _interpolate_light(matrices, c, side, light, m, x, y):
+def interpolate_light(side, light, m, rx, ry, rz):
+    """Return the light on triangle m where the ray (rx, ry, rz) meets its plane."""
+    lit = w = 0.0
+    for k in range(3):
+        share = side[m, k, 0] * rx + side[m, k, 1] * ry + side[m, k, 2] * rz
+        w += share
+        lit += share * light[m, k]
+    return lit / w
+
+
+@jit_inline
+def _find_light(matrices, c, side, light, m, x, y):
     """Return the light on triangle m where the ray of a pixel meets it.
 
     The position x, y, px, is relative to the first pixel of cell c, whose pinhole model is
@@ -161,12 +172,7 @@ def _interpolate_light(matrices, c, side, light, m, x, y):
     rx = matrices[c, 0, 0] * x + matrices[c, 0, 1] * y + matrices[c, 0, 2]
     ry = matrices[c, 1, 0] * x + matrices[c, 1, 1] * y + matrices[c, 1, 2]
     rz = matrices[c, 2, 0] * x + matrices[c, 2, 1] * y + matrices[c, 2, 2]
-    lit = w = 0.0
-    for k in range(3):
-        share = side[m, k, 0] * rx + side[m, k, 1] * ry + side[m, k, 2] * rz
-        w += share
-        lit += share * light[m, k]
-    return lit / w
+    return interpolate_light(side, light, m, rx, ry, rz)
 
 
 @jit("i8[::1], i4[:,::1], i8, u8[::1], u4[::1], u4, i8[::1], f8[:,:,::1], f8[:,::1], "
@@ -228,7 +234,7 @@ def _draw_samples(
                     xc, yc = float(x % size), float(y % size)
                     lit = light[m, 0]
                     if light[m, 1] != lit or light[m, 2] != lit:
-                        lit = _interpolate_light(matrices, c, side, light, m, xc, yc)
+                        lit = _find_light(matrices, c, side, light, m, xc, yc)
                     for k in range(3):
                         rgb[k] = albedo[t, k] * (irradiance[v + y, u + x, k] if lamps else lit)
                     if layer[t] >= 0:
@@ -284,7 +290,7 @@ def _blend_fragments(
             t = triangle[m]
             lit = light[m, 0]
             if light[m, 1] != lit or light[m, 2] != lit:
-                lit = _interpolate_light(matrices, c, side, light, m, at[k, 0], at[k, 1])
+                lit = _find_light(matrices, c, side, light, m, at[k, 0], at[k, 1])
             for j in range(3):
                 rgb[j] = albedo[t, j] * (irradiance[k, j] if lamps else lit)
             if layer[t] >= 0:

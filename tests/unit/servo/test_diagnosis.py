@@ -614,6 +614,28 @@ def test_a_diagnosis_of_ones_own_is_asked_at_its_place():
     assert not asked
 
 
+def test_images_that_an_earlier_diagnosis_has_reported_do_not_look_like_a_jump():
+    class Busy(DiagnosisRule):
+        """Reports an outcome for every second group of five images, before other diagnoses."""
+
+        def judge(self, record, evidence):
+            is_busy = round(30.0 * record.state.stamp) // 5 % 2
+            return make_outcome("target_lost", "busy") if is_busy else None
+
+    DIAGNOSES.register("busy")(Busy)
+    rig, records = Rig(the_servo("2016"), STARTS["2016"]), []
+    rig.servo.on_record = records.append
+    rig.run(2.0)
+    diagnosis = Diagnosis(rig.servo.diagnosis.run_context, ("busy", *ORDER))
+    for record in records:
+        evidence = diagnosis.evidence
+        diagnosis.add(record)
+        steps = evidence.motion_check.step_check
+        assert steps.first_jump is None and not evidence.find_contradiction()
+        assert not (evidence.target_motion or evidence.camera_fault)
+    assert steps.has_enough_motion and steps.correlation > 0.99
+
+
 def test_an_outcome_of_ones_own_has_to_last_a_second_too():
     class Close(DiagnosisRule):
         """Reports that the camera is too close from 2 s on, and before it a moving target."""

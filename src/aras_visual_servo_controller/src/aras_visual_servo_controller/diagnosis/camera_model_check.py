@@ -11,7 +11,7 @@ from aras_visual_servo_base.compiled import jit
 from ..kinematics.joint_sample import JointSample
 from ..kinematics.task import DIRECTIONS
 from ..observation.observation import Observation
-from .feature_rows import DRIFT, ERROR, FIRST_L, IS_ANGLE, TOLERANCE
+from .feature_rows import DRIFT, ERROR, FIRST_L, IS_ANGLE, TOLERANCE, PreviousFeatures
 
 # A row of the fit sums the motion of the features over successive images until the predicted
 # motion reaches this, in units of the tolerance. In a smaller sum, noise and joint friction
@@ -95,9 +95,8 @@ class CameraModelCheck:
                 motion is exact.
         """
         self._jacobian = jacobian
-        # Joints and features (see `feature_rows`) of the last image.
-        self._joints: JointSample | None = None
-        self._last_features: np.ndarray | None = None
+        self._previous = PreviousFeatures()
+        self._joints: JointSample | None = None  # joints of the last image
         self._normal, self._right = np.zeros((6, 6)), np.zeros(6)
         self._square = self._path_length = 0.0
         # Last row of the fit: predicted motion (k, 6) and measured motion (k,). The sums
@@ -108,10 +107,6 @@ class CameraModelCheck:
         self._rows = 0
         self._fault: str | None = ""
 
-    def interrupt(self) -> None:
-        """Forget the previous image, because the image after it had no measurement."""
-        self._last_features = self._joints = self._last_row = None
-
     def add(self, features: np.ndarray | None, observation: Observation) -> None:
         """Add one image.
 
@@ -119,11 +114,12 @@ class CameraModelCheck:
             features: (k, 10) features of the image, see `feature_rows`; None if there is no L.
             observation: observation of the image.
         """
-        before, self._last_features = self._last_features, features
+        before = self._previous.replace(features, observation)
         joints, self._joints = self._joints, observation.joints
         if features is None:
             return
-        if before is None or observation.motion is None or len(before) != len(features):
+        if before is None:
+            self._last_row = None
             self._start_row(features)
             return
         predicted, wrapped, L_change = _predict_motion(

@@ -207,7 +207,7 @@ class Diagnosis:
         if self._is_ended:
             return
         if record.state.scheme_output is None:
-            evidence.interrupt()
+            evidence.progress_check.clear()
         for diagnosis in self._diagnoses:
             found = diagnosis.judge(record, evidence)
             if found is not None:

@@ -74,14 +74,6 @@ class Evidence:
         self.oscillation: Outcome | None = None
         self.is_oscillation_fast = False
 
-    def interrupt(self) -> None:
-        """Forget the previous images, because the latest image had no measurement."""
-        self.progress_check.clear()
-        self.target_check.interrupt()
-        self.motion_check.interrupt()
-        for check in self.camera_checks.values():
-            check.interrupt()
-
     @property
     def is_occluded(self) -> bool:
         """Return whether something covers a part of the target."""

@@ -55,12 +55,6 @@ class FeatureMotionCheck:
         self.is_user_scheme, self.is_current_interaction = is_user_scheme, True
         self._centre_check = StepCheck(CENTRE_MIN_ROW) if is_user_scheme else None
 
-    def interrupt(self) -> None:
-        """Forget the previous image, because the image after it had no measurement."""
-        self.step_check.interrupt()
-        if self._centre_check is not None:
-            self._centre_check.interrupt()
-
     def add(
         self, features: np.ndarray | None, names: tuple[str, ...], observation: Observation
     ) -> None:

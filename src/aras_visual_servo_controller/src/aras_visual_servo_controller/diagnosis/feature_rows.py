@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..observation.observation import Observation
+
 ERROR, FIRST_L, DRIFT, TOLERANCE, IS_ANGLE = 0, 1, 7, 8, 9
 
 
@@ -36,3 +38,39 @@ def pack_features(
     rows[:, ERROR], rows[:, FIRST_L:DRIFT], rows[:, DRIFT] = error, L, error_drift
     rows[:, TOLERANCE], rows[:, IS_ANGLE] = tolerances, is_angle
     return rows
+
+
+class PreviousFeatures:
+    """Features of the last image that a check has processed, for comparison with the next image."""
+
+    # Largest difference of two stamps of the same image that rounding explains, s.
+    SAME_STAMP = 1e-6
+
+    def __init__(self) -> None:
+        self._features: np.ndarray | None = None
+        self._stamp = 0.0
+
+    def replace(
+        self, features: np.ndarray | None, observation: Observation
+    ) -> np.ndarray | None:
+        """Store the features of an image, and return those of the image before it.
+
+        Return None if they cannot be compared: if the check has not processed the image before
+        this one, if the camera's motion between the two is unknown, or if the number of features
+        has changed.
+
+        Args:
+            features: (k, 10) array of the image; None if there is no L.
+            observation: observation of the image.
+        """
+        before, stamp = self._features, self._stamp
+        self._features, self._stamp = features, observation.stamp
+        if (
+            before is None or features is None or len(before) != len(features)
+            or observation.motion is None
+            # The motion and `dt` of an observation start at the image before it. A check is not
+            # called for an image if an earlier diagnosis reports an outcome.
+            or observation.stamp - observation.dt > stamp + self.SAME_STAMP
+        ):  # fmt: skip
+            return None
+        return before

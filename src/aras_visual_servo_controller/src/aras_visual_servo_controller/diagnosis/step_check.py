@@ -11,7 +11,7 @@ import numpy as np
 from aras_visual_servo_base.compiled import jit
 
 from ..observation.observation import Observation
-from .feature_rows import DRIFT, ERROR, FIRST_L, IS_ANGLE, TOLERANCE
+from .feature_rows import DRIFT, ERROR, FIRST_L, IS_ANGLE, TOLERANCE, PreviousFeatures
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class StepCheck:
         self.first_jump: Jump | None = None
         self.unchanged_since: float | None = None
         self.names: tuple[str, ...] = ()
-        self._last_features: np.ndarray | None = None  # array of the last image, see `feature_rows`
+        self._previous = PreviousFeatures()
         self.typical_step, self._count = 1.0, 0
         self._same_count, self._same_stamp, self._path = 0, 0.0, 0.0
         # Sums over the images since the camera came to rest: number of images, squared steps of the
@@ -105,10 +105,6 @@ class StepCheck:
         # motion, squared predicted motion. The incomplete row, (2, k), contains the measured and
         # predicted motion so far.
         self._correlation_sums, self._row = np.zeros((3, 0)), np.zeros((2, 0))
-
-    def interrupt(self) -> None:
-        """Forget the previous image, because the image after it had no measurement."""
-        self._last_features = None
 
     @property
     def target_motion_part(self) -> float:
@@ -184,11 +180,11 @@ class StepCheck:
             names: (k,) names of the features.
             observation: observation of the image.
         """
-        before, self._last_features = self._last_features, features
+        before = self._previous.replace(features, observation)
         if features is None:
             return
         count = len(features)
-        if before is None or observation.motion is None or len(before) != count:
+        if before is None:
             self._same_stamp, self._same_count, self._path = observation.stamp, 0, 0.0
             self._steps.clear()
             return

@@ -15,7 +15,15 @@ from aras_visual_servo_camera.interaction import point_interaction
 
 from ..goals.goal import Goal
 from ..observation.observation import Observation
-from .feature_rows import DRIFT, ERROR, FIRST_L, IS_ANGLE, TOLERANCE, pack_features
+from .feature_rows import (
+    DRIFT,
+    ERROR,
+    FIRST_L,
+    IS_ANGLE,
+    TOLERANCE,
+    PreviousFeatures,
+    pack_features,
+)
 from .motion_fits import (
     compute_mixed_effects,
     fit_camera,
@@ -103,18 +111,13 @@ class TargetMotionCheck:
         self._origin = np.zeros(3)
         self._new_rows = 0
         self._motion_text = ""
-        self._last_features: np.ndarray | None = None  # array of the last image, see `feature_rows`
+        self._previous = PreviousFeatures()
         self._start_row()
 
     @property
     def is_moving(self) -> bool:
         """Return whether the target moves according to the last fit."""
         return bool(self._motion_text)
-
-    def interrupt(self) -> None:
-        """Forget the previous image, because the image after it had no measurement."""
-        self._last_features = None
-        self._start_row()
 
     def add(self, features: np.ndarray | None, observation: Observation, goal: Goal) -> str:
         """Add one image and describe how the target moves; empty text if it is at rest.
@@ -128,9 +131,9 @@ class TargetMotionCheck:
         if features is None:
             centre, L = compute_centre(observation, goal)
             features = pack_features(centre, L, 0.0, self.CENTRE_TOLERANCE, True)
-        before, self._last_features = self._last_features, features
+        before = self._previous.replace(features, observation)
         motion, pose, count = observation.motion, observation.world_T_camera, len(features)
-        if before is None or motion is None or pose is None or len(before) != count:
+        if before is None or pose is None:
             self._start_row()
             return self._motion_text
         if not self._image_count:

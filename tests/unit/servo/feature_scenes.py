@@ -45,7 +45,7 @@ def moved(camera_T_object, twist):
     return np.linalg.inv(exponential(np.asarray(twist))) @ camera_T_object
 
 
-# -- values ------------------------------------------------------------------------------------
+# Values s of each feature at a pose c of the object in the camera's frame.
 
 
 def points(c):
@@ -57,14 +57,6 @@ def polar(c):
     return np.column_stack([abs(z), np.angle(z)]).ravel()
 
 
-def places_3d(c):
-    return places(c).ravel()
-
-
-def log_depth(c):
-    return np.array([np.log((c @ (*CORNERS.mean(axis=0), 1.0))[2])])
-
-
 def lines(c):
     """Return each line n . (x, y, 1) = 0, from the plane of the edge and the camera's centre."""
     P = places(c)
@@ -73,20 +65,13 @@ def lines(c):
     return np.column_stack([-n[:, 2], np.arctan2(n[:, 1], n[:, 0])]).ravel()
 
 
-def _segment_parts(c):
+def segments(c, is_normalised=False):
     z = seen(c) @ (1, 1j)
     way = np.roll(z, -1) - z
-    return 0.5 * (z + np.roll(z, -1)), abs(way), np.angle(way)
-
-
-def segments(c):
-    middle, length, angle = _segment_parts(c)
-    return np.column_stack([middle.real, middle.imag, length, angle]).ravel()
-
-
-def normalised_segments(c):
-    middle, length, angle = _segment_parts(c)
-    return np.column_stack([middle.real / length, middle.imag / length, 1 / length, angle]).ravel()
+    middle, length = 0.5 * (z + np.roll(z, -1)), abs(way)
+    if is_normalised:
+        middle, length = middle / length, 1.0 / length
+    return np.column_stack([middle.real, middle.imag, length, np.angle(way)]).ravel()
 
 
 def vanishing(c):
@@ -94,16 +79,12 @@ def vanishing(c):
     return np.array([[d[2] / np.hypot(d[0], d[1]), np.arctan2(d[1], d[0])] for d in D]).ravel()
 
 
-def _goal_T_camera(c):
-    return GOAL @ np.linalg.inv(c)
-
-
 def theta_u(c):
-    return Rotation.from_matrix(_goal_T_camera(c)[:3, :3]).as_rotvec()
+    return Rotation.from_matrix((GOAL @ np.linalg.inv(c))[:3, :3]).as_rotvec()
 
 
 def translation(c):
-    return _goal_T_camera(c)[:3, 3]
+    return (GOAL @ np.linalg.inv(c))[:3, 3]
 
 
 def translation_camera(c):
@@ -115,8 +96,7 @@ def two_and_half(c):
     return np.array([X / Z, Y / Z, np.log(Z), *theta_u(c)])
 
 
-# -- moments, by quadrature over the quadrilateral ----------------------------------------------
-
+# Moments, by quadrature over the quadrilateral.
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(9)
 GRID = np.array([(a, b) for a in NODES for b in NODES])
 GRID_WEIGHTS = np.array([u * v for u in WEIGHTS for v in WEIGHTS])
@@ -159,8 +139,8 @@ def basic(c):
 
 
 def centred(c):
-    return np.array([mu(c, 2, 0), mu(c, 1, 1), mu(c, 0, 2),
-                     mu(c, 3, 0), mu(c, 2, 1), mu(c, 1, 2), mu(c, 0, 3)])  # fmt: skip
+    orders = ((2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
+    return np.array([mu(c, i, j) for i, j in orders])
 
 
 def centre(c):
@@ -177,20 +157,11 @@ def xn_yn(c):
 
 
 def alpha(c):
-    """Return the angle of the long axis, on the side that the third-order moments determine."""
-    half = 0.5 * np.angle(complex_moment(c, 2, 0))
-    turned = _alpha_at_goal() + _turn(c)
-    return np.array([half + np.pi * np.round((turned - half) / np.pi)])
-
-
-def _alpha_at_goal():
-    return 0.5 * np.angle(complex_moment(GOAL, 2, 0))
-
-
-def _turn(c):
-    """Return the approximate rotation of the target's image since the goal, from its first side."""
+    """Return the angle of the long axis, on the side that the target's first side tells."""
+    half, begun = (0.5 * np.angle(complex_moment(place, 2, 0)) for place in (c, GOAL))
     sides = [np.diff(seen(place)[:2] @ (1, 1j))[0] for place in (GOAL, c)]
-    return np.angle(sides[1] / sides[0])
+    turned = begun + np.angle(sides[1] / sides[0])
+    return np.array([half + np.pi * np.round((turned - half) / np.pi)])
 
 
 def ellipse(c):
@@ -221,11 +192,11 @@ VALUES = {
     "points": points,
     "numbered_points": points,
     "polar_points": polar,
-    "points_3d": places_3d,
-    "depth": log_depth,
+    "points_3d": lambda c: places(c).ravel(),
+    "depth": lambda c: np.log(translation_camera(c)[2:]),
     "lines": lines,
     "segments": segments,
-    "normalised_segments": normalised_segments,
+    "normalised_segments": lambda c: segments(c, is_normalised=True),
     "vanishing_points": vanishing,
     "theta_u": theta_u,
     "translation": translation,

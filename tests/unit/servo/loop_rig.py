@@ -28,7 +28,8 @@ from aras_visual_servo_controller.schemes.base import SchemeOutput
 
 SOURCES = Path(__file__).parents[3] / "src"
 URDF = SOURCES / "aras_visual_servo_gazebo" / "robots" / "aras_visual_servo.urdf"
-CONFIG = SOURCES / "aras_visual_servo_controller" / "config"
+PACKAGE = SOURCES / "aras_visual_servo_controller"
+CONFIG = PACKAGE / "config"
 CAMERA = CameraModel(320, 240, (102.73, 0, 159.5, 0, 102.73, 119.5, 0, 0, 1))
 STARTS = {
     "2015": (0.1, 0.0, *np.radians([10.0, -5.0, -5.0, 0.0]).tolist()),
@@ -80,9 +81,7 @@ class Rig:
     """Closed loop of joints (6,) with first-order lags and a camera with exact features.
 
     Attributes:
-        servo: the loop.
-        q: joints, rad and m.
-        lag: time constant of every joint, s.
+        servo: the loop. q: joints, rad and m. lag: time constant of every joint, s.
         latency: s from an exposure to when the loop sees it.
         friction: (6,) a joint does not move while its command is nearer than this.
         look: makes an observation at (observer, stamp, joints); replace it to spoil it.
@@ -114,12 +113,33 @@ class Rig:
         self._pending: list[Observation] = []
         self.next_tick = self.next_image = 0.0
 
+    def sample(self, stamp: float, q: np.ndarray | None = None) -> JointSample:
+        """Return joints that stand still where they are, or at q (6,)."""
+        return JointSample.from_values(stamp, self.servo.arm.names, self.q if q is None else q)
+
     def exact(self, observer: FeatureObserver, stamp: float, joints: JointSample) -> Observation:
-        target = self.servo.goal.target
-        pose = self.servo.arm.pose(self.q)
-        return observer.observe_exact_features(
-            stamp, CAMERA, joints, contour=target.compute_outline(pose)
-        )
+        contour = self.servo.goal.target.compute_outline(self.servo.arm.pose(self.q))
+        return observer.observe_exact_features(stamp, CAMERA, joints, contour=contour)
+
+    def show(self, stamp: float, joints: JointSample | None = None, /, **changes) -> ServoState:
+        """Process an exact image of this stamp, of which some fields are changed."""
+        seen = self.exact(self.observer, stamp, joints or self.sample(stamp))
+        return self.servo.process_image(replace(seen, **changes))
+
+    def lose(self, after: float, until: float = np.inf, reason: str = "gone", touches=()) -> None:
+        """Lose the target from a time (s) on until another."""
+        plain = self.look or self.exact
+
+        def look(observer, t, joints):
+            seen = plain(observer, t, joints)
+            return lost(seen, reason, touches) if after <= t < until else seen
+
+        self.look = look
+
+    def answer(self, stamp: float) -> ServoState:
+        """Call the loop with joints and an image of one stamp."""
+        self.servo.update(stamp, self.sample(stamp))
+        return self.show(stamp)
 
     def run(self, seconds: float) -> list[ServoState]:
         """Continue for this time; return all states since the start."""
@@ -154,11 +174,6 @@ class Rig:
     def missed(self) -> tuple[float, float]:
         """Return distance (m) and angle (rad) of the camera from its goal."""
         return pose_difference(self.servo.goal.world_T_camera, self.servo.arm.pose(self.q))
-
-
-def spoiled(observation: Observation, **changes) -> Observation:
-    """Return the observation with some fields replaced."""
-    return replace(observation, **changes)
 
 
 def lost(observation: Observation, reason: str, touches: tuple[str, ...] = ()) -> Observation:

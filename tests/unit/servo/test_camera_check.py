@@ -12,28 +12,21 @@ from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 
 def test_only_an_image_that_follows_another_counts():
     """Of a pair one of which has no L, no motion or other features, nothing can be said."""
-    L, twist = np.ones((2, 6)), 0.01 * np.ones(6)
-    wrong = [-0.2 * k * np.ones(2) for k in range(8)]  # against the motion: found at once
+    given = {"error": np.zeros(2), "L": np.ones((2, 6)), "motion": 0.01 * np.ones(6)}
 
-    def said(change):
+    def said(**other):
         evidence = CameraModelCheck()
-        for k, error in enumerate(wrong):
-            decision = {"L": L, "error": error, "error_drift": 0.0}
-            seen = {"motion": twist}
-            if k % 2:
-                change(decision, seen)
-            evidence.add(pack_features(**decision, tolerances=1e-3, is_angle=True),
-                         an_image(0.0, 1 / 30, seen["motion"]))
+        for k in range(8):  # against the motion: found at once
+            now = {**given, "error": -0.2 * k * np.ones(2)}
+            now |= other if k % 2 or "motion" in other else {}
+            evidence.add(pack_features(now["error"], now["L"], 0.0, 1e-3, True),
+                         an_image(0.0, 1 / 30, now["motion"]))  # fmt: skip
         return evidence.find_fault()
 
-    assert said(lambda decision, seen: None)
-    assert not said(lambda decision, seen: decision.update(L=None))
-    assert not said(lambda decision, seen: decision.update(L=np.ones((3, 6))))
-    assert not said(lambda decision, seen: decision.update(L=np.ones((3, 6)), error=np.ones(3)))
-    evidence = CameraModelCheck()
-    for error in wrong:
-        evidence.add(pack_features(error, L, 0.0, 1e-3, True), an_image(0.0, 1 / 30))
-    assert not evidence.find_fault()
+    assert said() and CameraModelCheck().find_fault() == ""
+    for other in ({"L": None}, {"L": np.ones((3, 6))}, {"motion": None},
+                  {"L": np.ones((3, 6)), "error": np.ones(3)}):  # fmt: skip
+        assert not said(**other)
 
 
 def shown(evidence, error, L, motion, tolerances, error_drift=0.0, joints=None, stamp=0.0):
@@ -62,16 +55,17 @@ def seen_by(
 ONE = np.ones(6)
 
 
-def test_no_evidence_is_no_fault():
-    assert CameraModelCheck().find_fault() == ""
-
-
 @pytest.mark.parametrize("noise", [0.0, 0.5])
 @pytest.mark.parametrize("depth", [0.5, 1.0, 2.0])
 def test_one_depth_for_all_translations_is_no_fault(noise, depth):
     for seed in range(8):
         scale = np.array([depth] * 3 + [1.0] * 3)
         assert seen_by(scale, 30, noise, seed).find_fault() == ""
+    # Nor is what is a little off within what can be measured, or what noise hides.
+    assert seen_by(np.array([1.0, 1.0, 0.96, 1.0, 1.0, 1.04]), 30, 0.5).find_fault() == ""
+    scale = np.array([1.0, 1.0, 1.0, 1.0, 0.8, 1.0])
+    assert seen_by(scale, 30, noise=0.2).find_fault()
+    assert not seen_by(scale, 6, noise=4.0).find_fault()
 
 
 @pytest.mark.parametrize("factor", [0.7, 1.3])
@@ -115,16 +109,11 @@ def test_slow_motion_is_added_up_over_four_images_and_no_more():
     assert not slowly(0.7, 320)
 
 
-def test_a_little_off_is_within_what_can_be_measured():
-    assert seen_by(np.array([1.0, 1.0, 0.96, 1.0, 1.0, 1.04]), 30, 0.5).find_fault() == ""
-
-
 def test_motion_the_other_way_and_motion_of_its_own_are_faults():
     against = seen_by(np.array([-1.0] * 3 + [1.0] * 3)).find_fault()
     assert "when the camera translates, they move in the opposite direction" in against
-    evidence = seen_by(ONE, 40, drift=20.0)
-    assert "of the motion is not explained" in evidence.find_fault()
-    assert "4 % of the motion is not explained" in seen_by(ONE, 40, drift=8.0).find_fault()
+    for drift in (20.0, 8.0):
+        assert "% of the motion is not explained" in seen_by(ONE, 40, drift=drift).find_fault()
     assert not seen_by(ONE, 40, drift=7.0).find_fault()
     assert not seen_by(ONE, 40, noise=20.0).find_fault()  # which is as loud, and goes on in no row
     for known in (60.0, np.array([60.0, -40.0, 20.0, 80.0])):  # as the scheme knows
@@ -132,24 +121,13 @@ def test_motion_the_other_way_and_motion_of_its_own_are_faults():
     assert seen_by(ONE, 40, error_drift=20.0 * 30.0 * 1e-3).find_fault()
 
 
-def test_noise_hides_what_it_hides_and_is_no_fault():
-    """A scale is judged by how well it is known."""
-    scale = np.array([1.0, 1.0, 1.0, 1.0, 0.8, 1.0])
-    assert seen_by(scale, 30, noise=0.2).find_fault()
-    assert not seen_by(scale, 6, noise=4.0).find_fault()
-
-
 @pytest.mark.parametrize(("step", "scale", "accused"), [
     (1.0, 1.0, False), (0.1, 1.0, False), (0.1, 0.8, True),
 ])  # fmt: skip
 def test_steps_in_which_L_changes_much_accuse_no_camera(step, scale, accused):
     """s = 0.3 sin x: over a step of 1 rad the mean L says 0.92 of the way."""
-    random, evidence, x, motion = (
-        np.random.default_rng(2),
-        CameraModelCheck(),
-        np.zeros(6),
-        np.zeros(6),
-    )
+    random, evidence = np.random.default_rng(2), CameraModelCheck()
+    x, motion = np.zeros((2, 6))
     for _ in range(40):
         L = 0.3 * np.diag(np.cos(x))
         shown(evidence, 0.3 * np.sin(x), L, motion / scale, np.full(6, 1e-3))
@@ -191,17 +169,13 @@ def believed_by_shaken_joints(shake, scale, jacobian, images=40, seed=0):
     return evidence
 
 
-@pytest.mark.parametrize("seed", range(1, 5))
+@pytest.mark.parametrize("seed", range(1, 4))
 def test_a_shaken_arm_is_no_evidence_against_its_camera(seed):
     """A loaded machine's demo was told to calibrate its camera: late commands shook J5, and between
-    two joint states nobody knew where it was."""
-    assert not believed_by_shaken_joints(2.1, ONE, lambda q: np.eye(6), seed=seed).find_fault()
-    assert believed_by_shaken_joints(2.1, ONE, None, seed=seed).find_fault()
+    two joint states nobody knew where it was. One that moves steadily is evidence."""
+    def found(shake, scale=ONE, jacobian=lambda q: np.eye(6)):
+        return bool(believed_by_shaken_joints(shake, scale, jacobian, seed=seed).find_fault())
 
-
-@pytest.mark.parametrize("seed", range(3))
-def test_an_arm_that_moves_steadily_is_evidence(seed):
+    assert not found(2.1) and found(2.1, jacobian=None)
     wrong = np.array([1.0, 1.0, 1.0, 0.6, 0.6, 0.6])
-    for shake in (0.0, 0.01):
-        assert believed_by_shaken_joints(shake, wrong, lambda q: np.eye(6), seed=seed).find_fault()
-    assert not believed_by_shaken_joints(0.01, ONE, lambda q: np.eye(6), seed=seed).find_fault()
+    assert found(0.0, wrong) and found(0.01, wrong) and not found(0.01)

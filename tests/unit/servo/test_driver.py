@@ -1,14 +1,8 @@
-"""LoopRunner: joints by stamp, images with the joints at their exposure, stop after silence.
-
-A played robot with exact vision and lagging joints, in simulated time.
-"""
-
-from __future__ import annotations
-
-from pathlib import Path
+"""LoopRunner with a played robot, exact vision and lagging joints, in simulated time."""
 
 import numpy as np
 import pytest
+from loop_rig import PACKAGE, URDF
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy, pose_difference
 from aras_visual_servo_base.stamp_synchronizer import StampSynchronizer
@@ -22,31 +16,28 @@ from aras_visual_servo_controller.records.state import ImageSource
 from aras_visual_servo_controller.runner.loop_runner import LoopRunner
 from aras_visual_servo_controller.settings import ControllerSettings
 
-SOURCES = Path(__file__).parents[3] / "src"
-PACKAGE = SOURCES / "aras_visual_servo_controller"
-URDF = (SOURCES / "aras_visual_servo_gazebo/robots/aras_visual_servo.urdf").read_text()
 CAMERA = CameraModel(320, 240, (100.0, 0.0, 160.0, 0.0, 100.0, 120.0, 0.0, 0.0, 1.0))
 DT = 1.0 / 90.0
+FEATURES, JOINT_STATES = "/aras_visual_servo/camera/moments", "/aras_visual_servo/joint_states"
 
 
 class Bench:
-    """Steps the played robot and its driver; a Face of its own."""
+    """Steps the played robot and its LoopRunner, of which it is the listener too."""
 
     def __init__(self, **given):
         given = {"start": "none", **given}
         settings = ControllerSettings.from_mapping(given, PACKAGE).for_robot(
-            "aras_visual_servo", given
-        )
-        self.arm = settings.make_arm(URDF)
+            "aras_visual_servo", given)
+        self.arm = settings.make_arm(URDF.read_text())
         self.servo = settings.make_servo(self.arm)
         self.goal = Goal.load(PACKAGE / "config" / "goal_2016.yaml")
         self.t, self.wall, self.n = 1.0, 0.0, 0
         self.sent, self.states, self.words = [], [], []
+        self.report, self.log = self.states.append, self.words.append
         rig = settings.make_camera_rig({"camera": self.arm}, self.servo.scheme)
         self.foreign, self.listening = {}, False
         self.driver = LoopRunner(
-            self.servo, rig, settings, self, lambda: self.t, lambda: self.wall, self
-        )
+            self.servo, rig, settings, self, lambda: self.t, lambda: self.wall, self)
         self.q = np.array([-0.1, 0.0, 0.349, -0.262, -0.0873, 0.1745])
         self.command, self.seen = self.q.copy(), []
         self.images = self.joints = self.is_watched = True
@@ -56,12 +47,6 @@ class Bench:
         self.sent.append((self.t, command))
         if command.positions is not None:
             self.command = command.positions.copy()
-
-    def report(self, state):
-        self.states.append(state)
-
-    def log(self, text):
-        self.words.append(text)
 
     def listen(self, active):
         self.listening = active
@@ -77,7 +62,7 @@ class Bench:
                 self.foreign = {self.arm.names[joint]: ("/flooder", self.wall)}
             self.step()
 
-    def step(self, count=1, stamp=None, image_stamp=None, position=None, valid=True):
+    def step(self, count=1, stamp=None, image_stamp=None, position=None):
         for _ in range(count):
             self.n, self.t, self.wall = self.n + 1, self.t + DT, self.wall + DT
             before = self.q
@@ -87,7 +72,7 @@ class Bench:
                 speed = (self.q - before) / DT
                 self.tell(self.arm.names, q, speed, self.t if stamp is None else stamp)
             if self.images and self.n % 3 == 0:
-                self.look(self.t if image_stamp is None else image_stamp, valid)
+                self.look(self.t if image_stamp is None else image_stamp)
             if self.is_watched:
                 self.driver.check_timeouts()
 
@@ -144,9 +129,7 @@ def test_it_goes_to_its_start_and_to_the_goal():
 def test_lockstep_sends_once_an_image_and_never_between():
     bench = Bench(start="2015", lockstep=True)
     bench.step(300)
-    images = bench.n // 3
-    assert len(bench.sent) in (images - 1, images)
-    assert bench.states[-1].phase == "servoing"
+    assert len(bench.sent) - bench.n // 3 in (-1, 0) and bench.states[-1].phase == "servoing"
     assert all(joints is None or joints.stamp <= bench.t for joints, _ in bench.seen)
     # For another camera's picture too, whose stamp lies between two samples.
     before, between = bench.driver.history.newest, bench.t + 0.25 * DT
@@ -154,6 +137,15 @@ def test_lockstep_sends_once_an_image_and_never_between():
     joints = bench.driver.camera_rig.find_joints(between)
     np.testing.assert_allclose(
         joints.positions, before.positions + 0.25 * DT * before.velocities, rtol=1e-12)
+    # Each image is answered though the arm stands; of bad joints nothing is sent between.
+    bench.driver.stop()
+    bench.step(60)
+    count = len(bench.sent)
+    bench.step(30)
+    assert len(bench.sent) == count + 10 and bench.at_rest()
+    count, bench.t = len(bench.sent), bench.t + DT
+    bench.tell(("J1",), (0.0,), (), bench.t)
+    assert len(bench.sent) == count
 
 
 @pytest.mark.parametrize("silent", ["images", "joints"])
@@ -196,47 +188,43 @@ def test_a_missing_input_is_reported_in_one_way_with_its_remedy(gone):
 
 
 def test_the_watchdog_says_what_it_waits_for_and_whom_to_ask():
-    bench = Bench(gain=1.0)
-    bench.step(60)
+    bench = servoing()
     bench.images = False
     bench.step(30)
     assert bench.servo.phase == "waiting"
-    words = bench.servo.reason.split(" since ")
-    assert words[0] == "no features on /aras_visual_servo/camera/moments"
-    assert words[1].endswith(" s (is the camera node running?)")
-    silent = bench.t - float(words[1].split()[0])
+    what, since = bench.servo.reason.split(" since ")
+    assert what == f"no features on {FEATURES}"
+    assert since.endswith(" s (is the camera node running?)")
+    silent = bench.t - float(since.split()[0])
     assert 30 * DT - 0.02 < silent < 30 * DT + 0.05  # since when, which stays true
-    found = bench.servo.outcome
+    found, last = bench.servo.outcome, bench.states[-1]
     assert found.reason == f"{bench.servo.reason}; before that, one came every 0.033 s"
-    assert bench.states[-1].reason == found.reason
-    assert bench.states[-1].remedy == found.remedy and "camera runs" in found.remedy
+    assert (last.reason, last.remedy) == (found.reason, found.remedy)
+    assert "camera runs" in found.remedy
 
 
 @pytest.mark.parametrize("standing", [True, False])
 def test_time_that_stands_still_is_told_from_images_that_do_not_come(standing):
-    bench = Bench(gain=1.0, wall_watchdog=2.0, image_timeout=9.0, watchdog=9.0)
-    bench.step(60)
-    for _ in range(21):
-        bench.wall += 0.1
-        bench.t += 0.0 if standing else 0.01
-        bench.driver.check_timeouts()
-    assert bench.servo.phase == "holding"
-    still = f"the clock has stopped at {bench.t:.3f} s (is the simulator paused, or gone?)"
-    silent = "no features on /aras_visual_servo/camera/moments (is the camera node running?)"
-    reason = bench.servo.reason
-    why = still if standing else silent
-    assert reason == f"{why}; no image processed for more than 2 s of wall time"
-    for _ in range(90):
-        bench.wall += 0.1
-        bench.t += 0.0 if standing else 0.01
-        bench.driver.check_timeouts()
+    bench = servoing(wall_watchdog=2.0, image_timeout=9.0, watchdog=9.0)
+
+    def wait(count):
+        for _ in range(count):
+            bench.wall += 0.1
+            bench.t += 0.0 if standing else 0.01
+            bench.driver.check_timeouts()
+
+    wait(21)
+    why = (f"the clock has stopped at {bench.t:.3f} s (is the simulator paused, or gone?)"
+           if standing else f"no features on {FEATURES} (is the camera node running?)")
+    assert (bench.servo.phase, bench.servo.reason) == (
+        "holding", f"{why}; no image processed for more than 2 s of wall time")
+    wait(90)
     assert bench.states[-1].reason.startswith("the clock has stopped") == standing
-    assert "no joint states on /aras_visual_servo/joint_states" in bench.states[-1].reason
+    assert f"no joint states on {JOINT_STATES}" in bench.states[-1].reason
 
 
 def test_images_that_come_again_start_it_once_and_not_what_was_stopped_later():
-    bench = Bench(gain=1.0, wall_watchdog=5.0)
-    bench.step(60)
+    bench = servoing(wall_watchdog=5.0, image_timeout=99.0, joint_timeout=99.0)
     bench.wall += 5.1
     bench.driver.check_timeouts()
     assert bench.servo.phase == "holding"
@@ -249,20 +237,21 @@ def test_images_that_come_again_start_it_once_and_not_what_was_stopped_later():
     assert bench.servo.phase == "stopped"
     bench.driver.start()
     bench.step(6)
-    assert bench.servo.phase == "servoing"
-    bench.wall += 5.1
-    bench.driver.check_timeouts()
+    bench.wall += 4.9
+    bench.driver.start()  # which gives images their time anew
+    for wait, phase in ((4.9, "servoing"), (0.2, "holding")):
+        bench.wall += wait
+        bench.driver.check_timeouts()
+        assert bench.servo.phase == phase
     bench.driver.apply_change(lambda servo: setattr(servo, "asked_to_change", True))
     assert bench.servo.asked_to_change
 
 
 def test_only_the_clock_going_back_begins_anew():
-    bench = Bench(gain=1.0)
-    bench.step(60)
-    bench.step(3, image_stamp=0.0)
-    bench.step(3, image_stamp=bench.t - 0.02)
-    bench.step(3, stamp=0.0)
-    bench.step(3, stamp=bench.t - 0.05)
+    bench = servoing()
+    for stamps in ({"image_stamp": 0.0}, {"image_stamp": bench.t - 0.02}, {"stamp": 0.0},
+                   {"stamp": bench.t - 0.05}):  # fmt: skip
+        bench.step(3, **stamps)
     assert not bench.words and bench.servo.phase in ("servoing", "waiting")
     assert bench.driver.start_count == 1
     bench.t = 1.0
@@ -278,9 +267,8 @@ def test_images_of_another_clock_are_named():
         bench.step(1, image_stamp=bench.t + 1.0 + DT)
     assert bench.servo.phase == "waiting" and len(bench.sent) == 1  # where the arm stands
     assert {state.reason for state in bench.states} == {
-        "", "features on /aras_visual_servo/camera/moments are stamped 1.00 s ahead of the clock "
-        "(check that both use the same use_sim_time)"
-    }  # fmt: skip
+        "", f"features on {FEATURES} are stamped 1.00 s ahead of the clock (check that both use "
+        "the same use_sim_time)"}
     bench.step(30)
     assert bench.servo.phase == "servoing" and "ahead" not in bench.states[-1].reason
     bench.images, count = False, len(bench.states)
@@ -348,15 +336,13 @@ def test_joint_states_that_come_late_are_no_wrong_camera():
 
 
 def test_implausible_and_missing_joints_stop_the_arm():
-    bench = Bench(gain=1.0)
-    bench.step(60)
+    bench = servoing()
     bench.step(15, position=1e308)
     assert bench.servo.phase == "holding"
     assert np.abs([c.positions for _, c in bench.sent]).max() < 10.0
-    bench.step(60)
-    assert bench.servo.phase == "holding"  # until none has come for a second
-    bench.step(60)
-    assert bench.servo.phase == "servoing"
+    for phase in ("holding", "servoing"):  # once none has come for a second
+        bench.step(60)
+        assert bench.servo.phase == phase
     for _ in range(5):
         bench.t += DT
         bench.tell(("J1",), (0.0,), (), bench.t)
@@ -369,19 +355,22 @@ def test_implausible_and_missing_joints_stop_the_arm():
     bench.step(1, position=1e308)
     assert bench.servo.phase == "holding"
     assert "the measured position 1e+308 of gantry is impossible" in bench.servo.reason
+    for positions in (["far"] * 6, None, [[0.1], [0.2, 0.3], 0, 0, 0, 0]):  # no numbers
+        bench = servoing()
+        count = len(bench.states)
+        bench.t += 0.04
+        bench.tell(bench.arm.names, positions, (), bench.t)
+        assert (bench.servo.phase, bench.servo.outcome.kind) == ("holding", "unusable_joint_states")
+        assert bench.states[count].joints is None and bench.states[count].reason
 
 
 def with_second_publisher(bench, seconds, position=np.nan, lead=0.0, names=None):
-    """Step the bench while another node publishes joint states on the same topic.
-
-    Return the states that were reported from the second of them on.
-    """
+    """Return what is reported, from the second joint states of another node on the topic on."""
     names = names or bench.arm.names
     for k in range(int(seconds / DT)):
         bench.step()
         if k % 2:
-            values = np.full(len(names), position)
-            bench.tell(names, values, (), bench.t + lead)
+            bench.tell(names, np.full(len(names), position), (), bench.t + lead)
         if k == 1:
             count = len(bench.states)
     return bench.states[count:]
@@ -398,14 +387,13 @@ def test_unusable_joint_states_of_a_second_publisher_hold_the_arm_steadily(posit
     events = []
     bench.servo.on_record = events.append
     states = with_second_publisher(bench, 4.0, position, lead)
-    topic = "/aras_visual_servo/joint_states"
-    assert len(states) > 50 and {s.phase for s in states} == {"holding"}
-    assert {s.outcome for s in states} == {"unusable_joint_states"}
-    (reason,) = {s.reason for s in states}
-    assert reason.startswith(f"unusable joint states on {topic} since 1.69 s, between usable")
-    assert what in reason
-    (remedy,) = {s.remedy for s in states}
-    assert f"'rostopic info {topic}'" in remedy and "end the second publisher" in remedy
+    assert len(states) > 50
+    ((phase, outcome, reason, remedy),) = {
+        (s.phase, s.outcome, s.reason, s.remedy) for s in states}
+    assert (phase, outcome) == ("holding", "unusable_joint_states")
+    begun = f"unusable joint states on {JOINT_STATES} since 1.69 s, between usable"
+    assert reason.startswith(begun) and what in reason
+    assert f"'rostopic info {JOINT_STATES}'" in remedy and "end the second publisher" in remedy
     assert len(events) == 2 and not bench.words and bench.at_rest()
     bench.step(int(0.9 / DT) - 20)
     assert bench.servo.phase == "holding"
@@ -417,12 +405,10 @@ def test_unusable_joint_states_of_a_second_publisher_hold_the_arm_steadily(posit
 def test_what_is_wrong_with_the_only_joint_states_is_said_without_a_second_publisher():
     bench = Bench()
     bench.step(200, position=np.nan)
-    (remedy,) = {s.remedy for s in bench.states}
-    assert remedy == (
-        "check which node publishes them ('rostopic info /aras_visual_servo/joint_states'), and "
-        "the limits in the robot description"
-    )
-    assert {s.outcome for s in bench.states} == {"unusable_joint_states"}
+    ((outcome, remedy),) = {(s.outcome, s.remedy) for s in bench.states}
+    assert outcome == "unusable_joint_states" and remedy == (
+        f"check which node publishes them ('rostopic info {JOINT_STATES}'), and "
+        "the limits in the robot description")
     assert bench.driver.start_count == 1 and bench.servo.phase == "holding"
 
 
@@ -444,16 +430,15 @@ def test_joint_states_that_are_all_stamped_by_another_clock_are_named_once(lead,
     for _ in range(120):
         bench.step(1, stamp=bench.t + DT + lead)
     assert bench.servo.phase == "servoing"
-    assert bench.words == [
-        f"joint states on /aras_visual_servo/joint_states are stamped {where} the clock (check "
-        "that both use the same use_sim_time); used as of their arrival"
-    ]
+    assert bench.words == [f"joint states on {JOINT_STATES} are stamped {where} the clock (check "
+                           "that both use the same use_sim_time); used as of their arrival"]
 
 
-@pytest.mark.parametrize(("silent", "seconds"), [
-    ("images", 0.9), ("images", 1.2), ("joints", 0.5), ("joints", 0.9), ("joints", 1.2),
+@pytest.mark.parametrize(("silent", "seconds", "kind"), [
+    ("images", 0.9, "too_few_images"), ("joints", 0.5, None), ("joints", 0.9, "no_joint_states"),
 ])  # fmt: skip
-def test_a_short_gap_at_the_goal_does_not_take_back_the_arrival(silent, seconds):
+def test_a_short_gap_at_the_goal_does_not_take_back_the_arrival(silent, seconds, kind):
+    """Of less than a second, 0.22 s of which at_rest takes."""
     bench = Bench()
     bench.step_until("converged")
     bench.step(30)
@@ -463,13 +448,11 @@ def test_a_short_gap_at_the_goal_does_not_take_back_the_arrival(silent, seconds)
     assert bench.at_rest()
     setattr(bench, silent, True)
     bench.step(30)
-    told = [(s.phase, s.outcome.partition(" ")[0]) for s in bench.states[count:]]
-    if seconds < 1.0 - 20 * DT:  # at_rest takes 20 steps
-        assert set(told) == {("converged", "converged")}
-        assert bench.servo.phase == "converged"
-        return
-    kind = {"images": "too_few_images", "joints": "no_joint_states"}[silent]
-    assert {kind, "running"} <= {outcome for _, outcome in told}
+    told = {(s.phase, s.outcome.partition(" ")[0]) for s in bench.states[count:]}
+    if kind is None:
+        assert told == {("converged", "converged")} and bench.servo.phase == "converged"
+    else:
+        assert {kind, "running"} <= {outcome for _, outcome in told}
 
 
 def test_an_arm_that_follows_a_target_at_its_goal_stops_when_no_images_come():
@@ -490,8 +473,8 @@ def test_standing_by_sends_nothing():
     assert not bench.sent and bench.states[-1].phase == "stopped"
     bench.t = 1.0  # nor where the clock goes back
     bench.step(30)
-    assert not bench.sent and bench.servo.phase == "stopped"
-    assert bench.servo.reason == "waiting for start"
+    assert not bench.sent
+    assert (bench.servo.phase, bench.servo.reason) == ("stopped", "waiting for start")
     bench.images, count = False, len(bench.states)
     bench.step(200)  # and of images that do not come nothing is said
     assert {state.reason for state in bench.states[count:]} == {"waiting for start"}
@@ -503,6 +486,10 @@ def test_standing_by_sends_nothing():
         order()
         bench.step(30)
         assert bench.servo.phase == phase and bench.at_rest()
+    dry = Bench(dry=True)
+    dry.step(60)
+    assert not dry.sent and dry.states[-1].phase == "servoing"
+    assert np.abs(dry.states[-1].desired_twist).max() > 0.0
 
 
 def servoing(**given):
@@ -513,9 +500,13 @@ def servoing(**given):
     return bench
 
 
-@pytest.mark.parametrize(("silence", "off"), [(0, 0.053), (60, -0.4), (60, 0.04)])
-def test_a_robot_that_was_made_anew_is_taken_up_where_it_stands(silence, off):
-    bench = servoing()
+@pytest.mark.parametrize(("silence", "off", "start"), [
+    (0, 0.053, "none"), (60, -0.4, "none"), (60, 0.04, "none"), (0, 0.2, "2015"),
+])  # fmt: skip
+def test_a_robot_that_was_made_anew_is_taken_up_where_it_stands(silence, off, start):
+    bench = Bench(gain=1.0, start=start)
+    bench.step(60)
+    assert bench.servo.phase == ("servoing" if start == "none" else "approaching")
     bench.joints = bench.images = False
     bench.step(silence)
     bench.joints = bench.images = True
@@ -523,26 +514,12 @@ def test_a_robot_that_was_made_anew_is_taken_up_where_it_stands(silence, off):
     bench.command = bench.q.copy()  # nobody told them anything yet
     count, stood = len(bench.sent), bench.q.copy()
     bench.tell(bench.arm.names, bench.q, np.zeros(6), bench.t + 0.5 * DT)
-    bench.step(1)
-    bench.step(10)
-    first = bench.sent[count][1].positions
-    assert np.abs(first - stood).max() < 0.02, "the arm would jump"
-    assert bench.goes_on()
-
-
-def test_it_goes_to_its_start_again_where_the_robot_is_made_anew_on_the_way():
-    bench = Bench(start="2015")
-    bench.step(60)
-    assert bench.servo.phase == "approaching"
-    bench.q = bench.q + 0.2 * np.eye(6)[0]
-    bench.command = bench.q.copy()
-    bench.tell(bench.arm.names, bench.q, np.zeros(6), bench.t + 0.5 * DT)
-    count, stood = len(bench.sent), bench.q.copy()
     bench.step(30)
     path = np.array([stood, *(command.positions for _, command in bench.sent[count:])])
+    assert np.abs(path[1] - path[0]).max() < 0.02, "the arm would jump"
     assert np.abs(np.diff(path, axis=0)).max() < 0.05, "the arm would jump"
-    bench.step(120)
-    assert bench.states[-1].phase == "servoing"
+    bench.step_until("servoing")
+    assert bench.goes_on()
 
 
 def stuck(bench, seconds, drift=0.0):
@@ -610,8 +587,8 @@ def test_the_loop_continues_by_itself_once_foreign_commands_end(when, heard):
         bench.step(30)
     path = np.array([q, *(command.positions for _, command in bench.sent[count:])])
     assert not heard or np.abs(np.diff(path, axis=0)).max() < 0.03, "the arm would jump"
-    assert bench.states[-1].phase == "converged" and not bench.listening
-    assert "/flooder" not in bench.states[-1].reason
+    last = bench.states[-1]
+    assert last.phase == "converged" and not bench.listening and "/flooder" not in last.reason
 
 
 def test_joints_are_not_commanded_again_between_foreign_commands():
@@ -651,13 +628,6 @@ def test_joints_jump_by_parts_of_their_own_leads(joint, jumps):
     assert (np.abs(bench.servo.command - q)[joint] < 0.05) == jumps  # it goes on from there
 
 
-def test_a_dry_run_sends_nothing():
-    bench = Bench(dry=True)
-    bench.step(60)
-    assert not bench.sent and bench.states[-1].phase == "servoing"
-    assert np.abs(bench.states[-1].desired_twist).max() > 0.0
-
-
 def sample(stamp, position, speed=0.0):
     return JointSample.from_values(stamp, ("a",), [position], [speed])
 
@@ -669,23 +639,18 @@ def test_joints_between_and_after_their_samples():
     assert history.add(sample(1.0, 0.0, 10.0)) and history.add(sample(1.1, 1.0, 10.0))
     assert history.is_complete_to(1.19) and not history.is_complete_to(1.21)  # by their period
     assert history.add(sample(1.2, 3.0, 10.0))
-    assert {history.interpolate(stamp).velocities[0] for stamp in (1.05, 1.25, 0.95)} == {10.0}
     assert not history.add(sample(1.2, 9.0)) and not history.add(sample(1.15, 9.0))
-    assert history.interpolate(1.05).positions[0] == pytest.approx(0.5)
-    assert history.interpolate(1.1).positions[0] == 1.0
-    assert history.interpolate(1.175).positions[0] == pytest.approx(2.5)
-    assert history.interpolate(1.25).positions[0] == pytest.approx(3.5)  # goes on at its speed
-    assert history.interpolate(1.5) is None
-    assert history.interpolate(0.95).positions[0] == pytest.approx(-0.5)
-    # 0 + 10 x 0.05
-    assert history.interpolate(1.05, earlier_only=True).positions[0] == pytest.approx(0.5)
-    assert history.interpolate(1.175, earlier_only=True).positions[0] == pytest.approx(1.75)
-    assert history.interpolate(1.2, earlier_only=True).positions[0] == 3.0
-    # a tenth of a second away
-    assert history.interpolate(1.29) is not None and history.interpolate(1.31) is None
-    assert history.interpolate(0.91) is not None and history.interpolate(0.89) is None
-    assert history.is_complete_to(1.29) and not history.is_complete_to(1.31)
-    assert history.is_complete_to(1.2)
+    # before the first and after the last they move at its speed, for a tenth of a second
+    for stamp, position in ((1.05, 0.5), (1.1, 1.0), (1.175, 2.5), (1.25, 3.5), (1.5, None),
+                            (0.95, -0.5), (1.31, None), (0.89, None)):  # fmt: skip
+        found = history.interpolate(stamp)
+        assert (found and found.positions[0]) == (position and pytest.approx(position))
+        assert found is None or found.velocities[0] == 10.0
+    assert history.interpolate(1.29) is not None and history.interpolate(0.91) is not None
+    for stamp, position in ((1.05, 0.5), (1.175, 1.75), (1.2, 3.0)):  # 0 + 10 x 0.05
+        found = history.interpolate(stamp, earlier_only=True)
+        assert found.positions[0] == pytest.approx(position)
+    assert [history.is_complete_to(stamp) for stamp in (1.2, 1.29, 1.31)] == [True, True, False]
     history.add(sample(1.3, 4.0))
     assert history.interpolate(1.05, earlier_only=True) is None  # the oldest gave way
     history.clear()
@@ -695,38 +660,33 @@ def test_joints_between_and_after_their_samples():
 def test_far_from_a_sample_joints_are_guessed():
     """By one and a half of the samples' periods: one of 10 ms, and one gap."""
     history = JointHistory()
+
+    def guessed(*stamps):
+        return {history.interpolate(stamp).is_uncertain for stamp in stamps}
+
     history.add(sample(0.0, 0.0))
-    assert not history.interpolate(0.09).is_uncertain  # one sample tells no period
+    assert guessed(0.09) == {False}  # one sample tells no period
     for stamp in (0.01, 0.02, 0.06):
         history.add(sample(stamp, 0.0))
-    assert history.interpolate(0.08).is_uncertain  # whatever the last period was
+    assert guessed(0.08) == {True}  # whatever the last period was
     for stamp in 0.01 * np.arange(7, 12):
         history.add(sample(stamp, 0.0))
-    near = (0.0, 0.01, 0.034, 0.046, 0.115, 0.125, -0.015)
-    assert not any(history.interpolate(stamp).is_uncertain for stamp in near)
-    assert all(
-        history.interpolate(stamp).is_uncertain
-        for stamp in (0.036, 0.04, 0.044, 0.126, 0.2, -0.016)
-    )
+    assert guessed(0.0, 0.01, 0.034, 0.046, 0.115, 0.125, -0.015) == {False}
+    assert guessed(0.036, 0.04, 0.044, 0.126, 0.2, -0.016) == {True}
     assert history.interpolate(0.05, earlier_only=True).is_uncertain
     for stamp in 0.11 + 0.03 * np.arange(1, 6):  # five of eight come more slowly
         history.add(sample(stamp, 0.0))
-    assert not history.interpolate(0.304).is_uncertain and history.interpolate(0.306).is_uncertain
+    assert guessed(0.304) == {False} and guessed(0.306) == {True}
 
 
 def test_joints_that_tell_no_speed_have_that_of_their_way():
-    history = JointHistory()
-    first = sample(1.0, 0.5)
+    history, first = JointHistory(), sample(1.0, 0.5)
     assert history.estimate_velocities(first) is first  # nothing to compare with
     history.add(first)
     second = history.estimate_velocities(sample(1.1, 0.7))
-    assert second.velocities == pytest.approx(2.0 * np.ones(len(second.names)))
-    assert second.stamp == 1.1 and second.positions[0] == 0.7
-    assert not history.estimate_velocities(sample(1.0, 0.9)).velocities.any()  # of the same instant
-    assert not history.estimate_velocities(sample(1.01 + MAX_AGE, 0.9)).velocities.any()  # long ago
-
-
-def test_the_driver_takes_speeds_from_positions_where_none_are_told():
+    assert (second.stamp, second.positions[0], *second.velocities) == pytest.approx((1.1, 0.7, 2.0))
+    for stamp in (1.0, 1.01 + MAX_AGE):  # of the same instant, and long ago
+        assert not history.estimate_velocities(sample(stamp, 0.9)).velocities.any()
     told, untold = Bench(start="none"), Bench(start="none")
     untold.tell = lambda names, q, speed, stamp: Bench.tell(untold, names, q, (), stamp)
     for bench in (told, untold):
@@ -737,50 +697,38 @@ def test_the_driver_takes_speeds_from_positions_where_none_are_told():
 
 
 def test_an_image_waits_for_the_sample_of_its_own_stamp_however_that_is_rounded():
-    for k in range(2, 300):
+    for stamps, incomplete, complete in (
+        *[(((k - 2) / 100, (k - 1) / 100), k / 100, (k - 1) / 100) for k in range(2, 300)],
+        ((0.5, 1.0), 1.5 - 1e-6, 1.5 - 2e-6),
+        ((0.01, 0.02, 0.03, 0.05), 0.061, 0.059),  # one was lost: the next may come after 10 ms
+    ):
         history = JointHistory()
-        history.add(sample((k - 2) / 100, 0.0))
-        history.add(sample((k - 1) / 100, 0.0))
-        assert not history.is_complete_to(k / 100), k
-        history.add(sample(k / 100, 0.0))
-        assert history.is_complete_to(k / 100)
-    history = JointHistory()
-    for stamp in (0.5, 1.0):
-        history.add(sample(stamp, 0.0))
-    assert not history.is_complete_to(1.5 - 1e-6) and history.is_complete_to(1.5 - 2e-6)
-    history = JointHistory()
-    for stamp in (0.01, 0.02, 0.03, 0.05):  # one was lost: the next may come after 10 ms for that
-        history.add(sample(stamp, 0.0))
-    assert history.is_complete_to(0.059) and not history.is_complete_to(0.061)
+        for stamp in stamps:
+            history.add(sample(stamp, 0.0))
+        assert history.is_complete_to(complete) and not history.is_complete_to(incomplete), stamps
+        history.add(sample(incomplete, 0.0))
+        assert history.is_complete_to(incomplete)
 
 
 def test_messages_of_one_stamp_meet_in_any_order():
     pairs = StampSynchronizer(("image", "depth"))
-    assert pairs.add("image", 1, "i1") is None
-    assert pairs.add("depth", 2, "d2") is None
-    assert pairs.add("image", 2, "i2") == {"image": "i2", "depth": "d2"}
-    assert pairs.add("depth", 1, "d1") is None  # older than what was answered
-    assert pairs.add("depth", 3, "d3") is None
-    assert pairs.add("image", 3, "i3") == {"image": "i3", "depth": "d3"}
-    for stamp in range(10, 30):
-        assert pairs.add("image", stamp, "i") is None
-    assert pairs.add("depth", 10, "d") is None  # forgotten
-    assert pairs.add("depth", 29, "d") is not None
-    pairs.add("image", 31, "i")
+    for name, stamp, both in (
+        ("image", 1, False), ("depth", 2, False), ("image", 2, True),
+        ("depth", 1, False),  # older than what was answered
+        ("depth", 3, False), ("image", 3, True), *(("image", k, False) for k in range(10, 30)),
+        ("depth", 10, False), ("depth", 29, True), ("image", 31, False),  # 10 is forgotten
+    ):  # fmt: skip
+        expected = {"image": f"image{stamp}", "depth": f"depth{stamp}"} if both else None
+        assert pairs.add(name, stamp, f"{name}{stamp}") == expected
     pairs.clear()
     assert pairs.add("depth", 31, "d") is None
 
 
 # -- its numbers -------------------------------------------------------------------------------
-
-
-def told(bench, t, q=None, **words):
+def told(bench, t, q=None):
     """A joint state of the time t, and the clock there."""
     bench.t = t
-    still = np.zeros(6)
-    bench.tell(
-        bench.arm.names, bench.q if q is None else q, still, words.get("stamp", t)
-    )
+    bench.tell(bench.arm.names, bench.q if q is None else q, np.zeros(6), t)
 
 
 def test_without_images_it_reports_at_a_camera_s_pace():
@@ -802,25 +750,13 @@ def test_a_second_joint_state_of_one_stamp_changes_nothing():
     told(bench, bench.t, bench.q + 0.3)
     assert bench.servo.is_only_executing  # the joints have not jumped
     bench.step(1)
-    assert bench.servo.phase == "servoing"
-    assert all(state.phase == "servoing" for state in bench.states[count:])
-
-
-@pytest.mark.parametrize("positions", [["far"] * 6, None, [[0.1], [0.2, 0.3], 0, 0, 0, 0]])
-def test_joint_states_of_no_numbers_stop_the_arm(positions):
-    bench = servoing()
-    count = len(bench.states)
-    bench.t += 0.04
-    bench.tell(bench.arm.names, positions, (), bench.t)
-    assert bench.servo.phase == "holding" and bench.servo.outcome.kind == "unusable_joint_states"
-    assert bench.states[count].joints is None and bench.states[count].reason
+    assert {bench.servo.phase, *(state.phase for state in bench.states[count:])} == {"servoing"}
 
 
 @pytest.mark.parametrize(("watchdog", "blind"), [(0.01, 0.05), (0.25, 0.25)])
 def test_time_goes_on_by_the_clock_for_a_moment_without_joint_states(watchdog, blind):
     """From a twentieth of a second on, up to the watchdog; no less than that."""
     bench = servoing(watchdog=watchdog, delay=0.0)
-    bench.t = 8.0
     told(bench, 8.0)
     bench.look(8.0)
     count = len(bench.sent)
@@ -832,15 +768,15 @@ def test_time_goes_on_by_the_clock_for_a_moment_without_joint_states(watchdog, b
         bench.driver.check_timeouts()
         assert bench.servo.phase == "servoing"
         assert [t for t, _ in bench.sent[count:]] == [bench.t]
-        assert bench.sent[-1][1].stamp == bench.t == bench.driver.update_time
-        assert np.abs(bench.sent[-1][1].positions - bench.sent[-2][1].positions).max() > 1e-4
+        (_, before), (_, last) = bench.sent[-2:]
+        assert last.stamp == bench.t == bench.driver.update_time
+        assert np.abs(last.positions - before.positions).max() > 1e-4
     bench.t = 8.0011 + blind
     count = len(bench.states)
     for _ in range(3):
         bench.driver.check_timeouts()
     assert (bench.servo.phase, bench.servo.reason) == (
-        "holding", "no joint states on /aras_visual_servo/joint_states since 8.00 s (is the "
-        "simulator running?)")
+        "holding", f"no joint states on {JOINT_STATES} since 8.00 s (is the simulator running?)")
     assert len(bench.states) == count + 1  # said once of one instant
 
 
@@ -853,20 +789,15 @@ def test_an_image_finds_that_joint_states_do_not_come(age, phase):
     bench.t = 8.0 + age
     bench.look(bench.t)
     assert bench.servo.phase == phase and len(bench.seen) == count  # its joints are not known
-    bench.t = 8.5
     told(bench, 8.5)
     bench.t = 8.5 + MAX_AGE + 1e-9
-    bench.look(8.5 + MAX_AGE - 1e-9)
-    assert len(bench.seen) == count + 1
-    bench.look(8.5 + MAX_AGE + 1e-9)
-    assert len(bench.seen) == count + 1
-
-
-def test_an_image_before_any_joint_state_waits_for_them():
-    bench = Bench()
-    bench.look(1.0)
-    assert (bench.servo.phase, bench.servo.reason) == ("waiting", "no joint states yet")
-    assert bench.states[-1].has_processed_image and bench.driver.update_time == 1.0
+    for further in (-1e-9, 1e-9):
+        bench.look(8.5 + MAX_AGE + further)
+        assert len(bench.seen) == count + 1
+    new = Bench()
+    new.look(1.0)
+    assert (new.servo.phase, new.servo.reason) == ("waiting", "no joint states yet")
+    assert new.states[-1].has_processed_image and new.driver.update_time == 1.0
 
 
 @pytest.mark.parametrize("lockstep", [False, True])
@@ -886,18 +817,6 @@ def test_an_answer_moves_time_on_in_lockstep_alone(lockstep):
     np.testing.assert_allclose(bench.seen[-1][0].positions - joints.positions, way, atol=1e-12)
 
 
-def test_in_lockstep_each_image_is_answered_though_the_arm_stands():
-    bench = servoing(lockstep=True)
-    bench.driver.stop()
-    bench.step(60)
-    count = len(bench.sent)
-    bench.step(30)
-    assert len(bench.sent) == count + 10 and bench.at_rest()
-    bench.t += DT
-    bench.tell(("J1",), (0.0,), (), bench.t)
-    assert len(bench.sent) == count + 10 + 20 // 3  # of bad joints nothing is sent between
-
-
 def test_the_missing_camera_is_the_one_that_is_waited_for():
     bench = servoing()
     bench.driver.set_source("right", ImageSource("images", "/right", "somebody"))
@@ -907,28 +826,15 @@ def test_the_missing_camera_is_the_one_that_is_waited_for():
         assert bench.servo.source.content == what
 
 
-def test_a_start_gives_images_their_time_anew():
-    bench = servoing(wall_watchdog=5.0, image_timeout=99.0, joint_timeout=99.0)
-    bench.wall += 4.9
-    bench.driver.start()
-    bench.wall += 4.9
-    bench.driver.check_timeouts()
-    assert bench.servo.phase == "servoing"
-    bench.wall += 0.2
-    bench.driver.check_timeouts()
-    assert bench.servo.phase == "holding"
-
-
 def test_velocities_are_sent_with_each_joint_state_also_of_an_arm_that_stands():
     bench = Bench(output="velocity", gain=1.0)
     bench.step(30)
     bench.driver.stop()
     bench.step(60)
-    count = len(bench.sent)
+    bench.sent.clear()
     bench.images = False
     bench.step(10)
-    assert len(bench.sent) == count + 10
-    assert not np.any([command.values for _, command in bench.sent[count:]])
+    assert [command.values.any() for _, command in bench.sent] == [False] * 10
 
 
 @pytest.mark.parametrize(("output", "dry"), [
@@ -942,7 +848,7 @@ def test_zeros_are_the_last_that_is_sent_whatever_still_comes(output, dry):
     assert dry or np.any(bench.sent[-1][1].values)
     bench.sent.clear()
     bench.driver.shut_down("enough")
-    assert bench.servo.phase == "stopped" and bench.servo.reason == "enough"
+    assert (bench.servo.phase, bench.servo.reason) == ("stopped", "enough")
     bench.step(6)
     bench.joints = False  # time goes on by the clock, and braking with it
     bench.step(20)

@@ -1,14 +1,11 @@
-"""s, L and e of every registered feature on an exact camera, compared with independent geometry.
-
-A sign, index or scale planted in a feature's s, L or e is found: s is compared with values from
-3-D, L with the finite differences of those values, e with their difference on the circle.
-"""
+"""s, L and e of every registered feature on an exact camera, compared with values from geometry,
+with the finite differences of those values, and with their difference on the circle."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from feature_scenes import CORNERS, GOAL, PERIODS, TARGETS, VALUES, VIEWS, look, moved
+from feature_scenes import CAMERA, CORNERS, GOAL, PERIODS, TARGETS, VALUES, VIEWS, look, moved
 
 from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
@@ -49,12 +46,9 @@ def wrapped(difference, name):
     return np.where(periods > 0, difference - np.round(difference / turn) * periods, difference)
 
 
-def test_each_is_written_a_second_time():
-    assert set(NAMES) == set(VALUES)
-
-
 @pytest.mark.parametrize(("name", "view"), SEEN)
-def test_s_and_its_rate_are_those_of_the_geometry(name, view):
+def test_s_its_rate_and_the_error_are_those_of_the_geometry(name, view):
+    assert set(NAMES) == set(VALUES)
     feature, goal = at_goal(name)
     place, value = VIEWS[view], VALUES[name]
     found = feature.measure(shown(name, feature, place), goal)
@@ -65,15 +59,8 @@ def test_s_and_its_rate_are_those_of_the_geometry(name, view):
     ]).T  # fmt: skip
     assert pytest.approx(rows, abs=2e-8 * max(1.0, np.abs(rows).max())) == found.L
     assert len(feature.names) == len(feature.tolerances) == len(feature.units) == len(found.s)
-
-
-@pytest.mark.parametrize(("name", "view"), SEEN)
-def test_the_error_is_the_difference_on_the_manifold(name, view):
-    feature, goal = at_goal(name)
-    found = feature.measure(shown(name, feature, VIEWS[view]), goal)
-    value = VALUES[name]
     assert wrapped(found.desired - value(GOAL), name) == pytest.approx(0.0, abs=1e-9)
-    expected = wrapped(value(VIEWS[view]) - value(GOAL), name)
+    expected = wrapped(value(place) - value(GOAL), name)
     # Near half a turn all angles are taken on one side.
     assert wrapped(found.error - expected, name) == pytest.approx(0.0, abs=1e-9)
 
@@ -96,52 +83,33 @@ def test_a_turn_goes_the_short_way_over_the_end_of_the_circle(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_nothing_is_left_to_do_at_the_goal(name):
+    """And tolerances are between a tenth of a millimetre and what one sees at a glance, by how far
+    the camera moves, m or rad, until the number is off by its tolerance."""
     feature, goal = at_goal(name)
     found = feature.measure(shown(name, feature, GOAL), goal)
     assert found.error == pytest.approx(0.0, abs=1e-9)
     assert feature.desired_interaction(goal) == pytest.approx(found.L, abs=1e-9)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_tolerances_are_between_a_tenth_of_a_millimetre_and_what_one_sees_at_a_glance(name):
-    """By how far the camera moves, m or rad, until the number is off by its tolerance."""
-    feature, goal = at_goal(name)
-    most = np.abs(feature.measure(shown(name, feature, GOAL), goal).L).max(axis=1)
-    reach = np.array(feature.tolerances) / most
+    reach = np.array(feature.tolerances) / np.abs(found.L).max(axis=1)
     assert reach.min() > 1e-4 and reach.max() < 0.2
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_without_its_target_it_says_so(name):
-    feature, goal = at_goal(name)
-    nothing = FeatureObserver(None, feature.needs).observe_exact_features(
-        0.0, look(FeatureObserver(None), GOAL).camera
-    )
+    nothing = FeatureObserver(None, feature.needs).observe_exact_features(0.0, CAMERA)
     with pytest.raises(MeasurementError) as told:
         feature.measure(nothing, goal)
     assert "finite" not in str(told.value)
-
-
-def test_vanishing_points_refuse_a_triangle():
-    feature = FEATURES.create("vanishing_points")
-    triangle = np.array([[-0.1, -0.1, 0], [0.1, -0.1, 0], [0.0, 0.1, 0]])
-    view = look(FeatureObserver(None, feature.needs), GOAL, corners=triangle)
-    goal = Goal.teach(FeatureScheme(feature), view)
-    with pytest.raises(ConfigurationError, match="four corners"):
-        feature.check(goal)
 
 
 def test_vanishing_points_may_lie_along_either_side_of_the_picture():
     """Of a rectangle that is seen square on, or turned about one side."""
     feature, goal = at_goal("vanishing_points")
     rectangle = np.array([[-0.1, -0.05, 0], [0.1, -0.05, 0], [0.1, 0.05, 0], [-0.1, 0.05, 0.0]])
+    observer = FeatureObserver(None, feature.needs)
     for turn in (np.zeros(6), 0.3 * np.eye(6)[3], 0.3 * np.eye(6)[4]):
         place = moved(np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.7], [0, 0, 0, 1]]), turn)
-        seen = look(FeatureObserver(None, feature.needs), place, corners=rectangle)
-        expected = [place[:3, 0], place[:3, 1]]
-        found = feature.measure(seen, goal).s.reshape(2, 2)
-        np.testing.assert_allclose(
-            found, [(d[2] / np.hypot(*d[:2]), np.arctan2(d[1], d[0])) for d in expected], atol=1e-9)
+        found = feature.measure(look(observer, place, corners=rectangle), goal).s.reshape(2, 2)
+        expected = [(d[2] / np.hypot(*d[:2]), np.arctan2(d[1], d[0])) for d in place[:3, :2].T]
+        np.testing.assert_allclose(found, expected, atol=1e-9)
+    triangle = look(observer, GOAL, corners=rectangle[:3])
+    with pytest.raises(ConfigurationError, match="four corners"):
+        feature.check(Goal.teach(FeatureScheme(feature), triangle))
 
 
 @pytest.mark.parametrize("along", [(0.0, 0.9, 1.3, 0.4), (0.0, 1.0, 2.1, 0.7), (0.0,) * 4])
@@ -170,8 +138,6 @@ def test_a_feature_that_knows_no_desired_l_names_the_remedy():
 
 
 # -- declarations of features and schemes -------------------------------------------------------
-
-
 def test_what_a_user_s_own_need_not_say():
     class Own(base.Feature):
         def measure(self, observation, goal):
@@ -182,35 +148,24 @@ def test_what_a_user_s_own_need_not_say():
             raise NotImplementedError
 
     class Joints(schemes.JointController):
-        def process_image(self, observation, goal, t):
-            raise NotImplementedError
-
-        def update(self, t, dt, joints):
-            raise NotImplementedError
+        process_image = update = None
 
     own, scheme, controller = Own(), Theirs(), Joints()
-    assert (own.name, own.units, own.cameras, own.weights) == ("Own", (), (), None)
-    assert own.camera_count == 1
+    assert (own.name, own.cameras, own.weights, own.camera_count) == ("Own", (), None, 1)
     assert own.is_geometric and own.is_stackable and tuple(own.directions) == (True,) * 6
-    assert own.reset() is None
     for one in (own, scheme, controller):
         assert one.needs == one.get_needs("") == one.get_needs("left", "") == {Need.MOMENTS}
-        assert one.units == () and one.cameras == ()
+        assert one.units == one.cameras == () and one.teach(None) == {}
         assert one.check(None) is None and one.accuracy(None, None) is None
-        assert one.teach(None) == {}
     assert scheme.can_check_camera and controller.output == "velocity"
     law = ProportionalIntegral(7.0)
     assert Theirs(law).law is law and type(scheme.law) is schemes.Proportional
     error, L, still = np.ones(1), np.eye(1, 6), np.zeros(6)
-    first = law.desired_error_rate(error, L, still, 0.0, 0.5)
-    assert law.desired_error_rate(error, L, still, 0.5, 0.5) != first
+    first, second = (law.desired_error_rate(error, L, still, t, 0.5) for t in (0.0, 0.5))
     Theirs(law).reset()
-    assert law.desired_error_rate(error, L, still, 0.0, 0.5) == first
+    assert law.desired_error_rate(error, L, still, 0.0, 0.5) == first != second
     controller.reset(arm := object())
     assert controller.arm is arm
-
-
-def test_what_is_measured_and_decided_says_no_more_than_it_is_given():
     one = np.ones(1)
     measured = base.FeatureMeasurement(one, one, one, np.ones((1, 6)))
     decision = schemes.SchemeOutput(("x",), one, one, one)
@@ -222,18 +177,15 @@ def test_what_is_measured_and_decided_says_no_more_than_it_is_given():
 
 def test_a_camera_is_the_same_one_to_a_thousandth_of_its_numbers_and_half_a_pixel():
     K = np.array([[2000.0, 0.0, 320.0], [0.0, 1500.0, 200.0], [0.0, 0.0, 1.0]])
-    for change, same in (
-        (np.diag([2.5, -2.0, 0.0]), True), (np.diag([2.8, 0.0, 0.0]), False),
-        (np.diag([0.0, -2.3, 0.0]), False), (np.outer([1, 0, 0], [0, 0, 0.9]), True),
-        (np.outer([1, 0, 0], [0, 0, -1.0]), False), (np.outer([0, 1, 0], [0, 0, 0.85]), False),
+    for (fx, fy, cx, cy), same in (
+        ((2.5, -2.0, 0, 0), True), ((2.8, 0, 0, 0), False), ((0, -2.3, 0, 0), False),
+        ((0, 0, 0.9, 0), True), ((0, 0, -1.0, 0), False), ((0, 0, 0, 0.85), False),
     ):  # fmt: skip
-        lens = CameraModel(640, 480, tuple((K + change).ravel()))
+        lens = CameraModel(640, 480, tuple((K + [[fx, 0, cx], [0, fy, cy], [0, 0, 0]]).ravel()))
         assert (base.compare_cameras(640, 480, K, lens) == "") is same
-        for size in ((641, 480), (640, 479)):
-            assert base.compare_cameras(*size, K, lens) == (
-                f"{size[0]}x{size[1]} px, fx 2000.00; this camera has 640x480 px, fx "
-                f"{lens.K[0]:.2f}"
-            )
+        for width, height in ((641, 480), (640, 479)):
+            assert base.compare_cameras(width, height, K, lens) == (
+                f"{width}x{height} px, fx 2000.00; this camera has 640x480 px, fx {2000 + fx:.2f}")
 
 
 def test_an_angle_is_the_shortest_turn_to_it():

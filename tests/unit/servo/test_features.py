@@ -5,7 +5,8 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from free_camera import exponential, pose
+from feature_scenes import moved
+from free_camera import pose
 
 from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.interaction import Plane
@@ -37,12 +38,16 @@ VIEWS = {
 }
 
 
+def seen_from(camera_T_object, shape=OUTLINE):
+    """Normalised coordinates (n, 2) of a flat shape."""
+    P = np.c_[shape, np.zeros(len(shape))] @ camera_T_object[:3, :3].T + camera_T_object[:3, 3]
+    return P[:, :2] / P[:, 2:]
+
+
 def look(needs, camera_T_object, shape=OUTLINE, stamp=0.0, plane=True, observer=None):
-    flat = np.c_[shape, np.zeros(len(shape))]
-    seen = flat @ camera_T_object[:3, :3].T + camera_T_object[:3, 3]
     known = Plane.from_pose(camera_T_object[:3, :3], camera_T_object[:3, 3]) if plane else None
     return (observer or FeatureObserver(None, needs)).observe_exact_features(
-        stamp, CAMERA, contour=seen[:, :2] / seen[:, 2:], plane=known,
+        stamp, CAMERA, contour=seen_from(camera_T_object, shape), plane=known,
         world_T_camera=np.linalg.inv(camera_T_object),
     )  # fmt: skip
 
@@ -58,53 +63,32 @@ def dense(shape, parts=12):
 
 
 @pytest.mark.parametrize("name", ["points", "numbered_points"])
-@pytest.mark.parametrize("extra", [-1, 2])
-def test_corners_that_become_more_or_fewer_are_looked_for_where_the_goals_are(name, extra):
+@pytest.mark.parametrize("count", [7, 10])
+def test_corners_that_become_more_or_fewer_are_looked_for_where_the_goals_are(name, count):
     feature = FEATURES.create(name)
     goal = taught(feature)
     feature.check(goal)
     wanted = feature.measure(look(feature.needs, VIEWS["near"]), goal)
     seen = look(feature.needs, VIEWS["near"], dense(OUTLINE))
-    some = seen.contour[:: len(seen.contour) // (8 + extra)][: 8 + extra]
+    some = seen.contour[:: len(seen.contour) // count][:count]
     found = feature.measure(replace(seen, corners=some, is_numbered=False), goal)
     np.testing.assert_allclose(found.error, wanted.error, atol=1e-6)
-    with pytest.raises(MeasurementError, match=f"{8 + extra} points are visible, but the goal has "
-                                               "8$"):
+    with pytest.raises(MeasurementError, match=f"{count} points are visible, but the goal has 8$"):
         feature.measure(replace(seen, corners=some, contour=None), goal)
-
-
-@pytest.mark.parametrize("view", VIEWS)  # all others: test_feature_registry.py, test_luminance.py
-def test_the_interaction_matrix_of_moments_is_the_derivative(view):
-    feature = FEATURES.create("moments")
-    goal = taught(feature)
-    feature.check(goal)
-    measured = feature.measure(look(feature.needs, VIEWS[view]), goal)
-    step, columns = 1e-5, []
-    for axis in np.eye(6):
-        sides = []
-        for sign in (1.0, -1.0):
-            moved = np.linalg.inv(exponential(sign * step * axis)) @ VIEWS[view]
-            sides.append(feature.measure(look(feature.needs, moved), goal).error)
-        columns.append((sides[0] - sides[1]) / (2.0 * step))
-    scale = np.abs(measured.L).max(axis=1, keepdims=True)
-    np.testing.assert_allclose(measured.L / scale, np.stack(columns, axis=1) / scale, atol=2e-7)
-    assert measured.s.shape == measured.desired.shape == measured.error.shape
-    assert measured.L.shape == (len(feature.names), 6)
-    np.testing.assert_allclose(measured.error[0], measured.s[0] - measured.desired[0], atol=1e-15)
-    assert len(feature.tolerances) == len(feature.names) == len(feature.units)
 
 
 def test_at_the_goal_the_error_is_none_and_L_the_desired_one():
     feature = FEATURES.create("moments")
-    goal = taught(feature)
-    feature.check(goal)
-    measured = feature.measure(look(feature.needs, GOAL), goal)
-    scheme = FeatureScheme(feature)
+    goal, scheme = taught(feature), FeatureScheme(feature)
     scheme.check(goal)
     lengths = goal.distance * np.array([0.0025, 0.0025, 0.005])
     assert scheme.tolerances == pytest.approx([*lengths, 0.005])
+    measured = feature.measure(look(feature.needs, GOAL), goal)
     np.testing.assert_allclose(measured.error, 0.0, atol=1e-12)
     np.testing.assert_allclose(measured.L, feature.desired_interaction(goal), atol=1e-9)
+    measured = feature.measure(look(feature.needs, VIEWS["near"]), goal)
+    np.testing.assert_allclose(measured.error, measured.s - measured.desired, atol=1e-15)
+    assert len(feature.names) == len(feature.units) == len(measured.L)
 
 
 @pytest.mark.parametrize("turn", [-170.0, 89.0, 91.0])
@@ -124,18 +108,15 @@ def test_moments_know_the_whole_turn_of_a_target_with_a_direction(turn):
         assert found.error[3] == pytest.approx(half if order < 4 else np.radians(turn), abs=1e-6)
 
 
-def test_moments_say_that_half_a_turn_of_a_symmetric_target_stays_open():
-    feature = FEATURES.create("moments")
-    rectangle = SQUARE * [1.0, 0.6]
-    goal = taught(feature, rectangle, pose((0, 0, 0.2), (0, 0, 0)))
-    turned = look(feature.needs, pose((0, 0, 0.2), (0, 0, np.radians(170.0))), rectangle)
-    measured = feature.measure(turned, goal)
-    assert measured.error[3] == pytest.approx(np.radians(-10.0), abs=1e-9)
+@pytest.mark.parametrize(("begin", "end", "error"), [(0.0, 170.0, -10.0), (80.0, 100.0, 20.0)])
+def test_moments_say_that_half_a_turn_of_a_symmetric_target_stays_open(begin, end, error):
+    """Also through the wrap."""
+    feature, rectangle = FEATURES.create("moments"), SQUARE * [1.0, 0.6]
+    upright, turned = (pose((0, 0, 0.2), (0, 0, np.radians(turn))) for turn in (begin, end))
+    goal = taught(feature, rectangle, upright)
+    measured = feature.measure(look(feature.needs, turned, rectangle), goal)
+    assert measured.error[3] == pytest.approx(np.radians(error), abs=1e-9)
     assert measured.ambiguity == "180°"
-    goal = taught(feature, rectangle, pose((0, 0, 0.2), (0, 0, np.radians(80.0))))
-    turned = look(feature.needs, pose((0, 0, 0.2), (0, 0, np.radians(100.0))), rectangle)
-    error = feature.measure(turned, goal).error[3]  # through the wrap
-    assert error == pytest.approx(np.radians(20.0), abs=1e-9)
 
 
 class Moving(Feature):
@@ -242,22 +223,19 @@ def test_what_no_camera_makes_is_not_smoothed(jump, anew):
 
 def test_moments_of_too_low_an_order_are_refused():
     feature = FEATURES.create("sx_sy")
-    view = look(feature.needs, GOAL)
+    view, goal = look(feature.needs, GOAL), taught(feature)
     values, central = view.moments.m_array[:6], view.moments.mu_array[:6]
-    low = replace(view, moments=Moments.from_arrays(values, central, 2, view.moments.kind))
+    low = Moments.from_arrays(values, central, 2, view.moments.kind)
     with pytest.raises(MeasurementError, match="Sx, Sy need moments up to order 4"):
-        feature.measure(low, taught(feature))
-    goal = replace(taught(feature), moments=low.moments)
-    with pytest.raises(ConfigurationError, match=r"^goal: .*Sx, Sy need moments up to order 4"):
-        feature.check(goal)
-    with pytest.raises(ConfigurationError, match="^goal holds no moments: teach it again"):
-        feature.check(replace(goal, moments=None))
-
-
-def test_a_square_has_no_angle():
-    feature = FEATURES.create("moments")
-    with pytest.raises(ConfigurationError, match="alpha is undefined"):
-        feature.check(taught(feature, SQUARE, pose((0, 0, 0.2), (0, 0, 0))))
+        feature.measure(replace(view, moments=low), goal)
+    moments, square = FEATURES.create("moments"), pose((0, 0, 0.2), (0, 0, 0))
+    for one, wrong, words in (
+        (feature, replace(goal, moments=low), r"^goal: .*Sx, Sy need moments up to order 4"),
+        (feature, replace(goal, moments=None), "^goal holds no moments: teach it again"),
+        (moments, taught(moments, SQUARE, square), "alpha is undefined"),
+    ):
+        with pytest.raises(ConfigurationError, match=words):
+            one.check(wrong)
 
 
 def test_without_a_known_plane_its_attitude_comes_from_kinematics():
@@ -292,16 +270,16 @@ def test_a_camera_that_looks_along_the_plane_by_kinematics_is_refused(sine, refu
 
 
 def test_a_square_is_followed_corner_by_corner():
-    feature = FEATURES.create("points")
+    feature, found = FEATURES.create("points"), []
     goal = taught(feature, SQUARE, pose((0, 0, 0.2), (0, 0, 0)))
-    turns = []
-    for turn in np.radians([0, 30, 60, 90, 120, 95, 60, 25, -15]):
-        view = look(feature.needs, pose((0, 0, 0.2), (0, 0, turn)), SQUARE)
-        measured = feature.measure(view, goal)
+    turns = np.radians([0, 30, 60, 90, 120, 95, 60, 25, -15])
+    for turn in turns:
+        turned = look(feature.needs, pose((0, 0, 0.2), (0, 0, turn)), SQUARE)
+        measured = feature.measure(turned, goal)
         s, g = (v[::2] + 1j * v[1::2] for v in (measured.s, measured.desired))
-        turns.append(np.angle(np.vdot(g, s)))
+        found.append(np.angle(np.vdot(g, s)))
         assert measured.ambiguity == "90°"
-    np.testing.assert_allclose(turns, np.radians([0, 30, 60, 90, 120, 95, 60, 25, -15]), atol=1e-9)
+    np.testing.assert_allclose(found, turns, atol=1e-9)
 
 
 def test_a_rectangle_far_aside_leaves_half_a_turn_open_and_no_quarter():
@@ -426,12 +404,15 @@ def test_corners_of_any_polygon_are_matched_whichever_way_round_they_are_found(c
             np.testing.assert_array_equal(feature.measure(found, goal).s, expected.corners.ravel())
 
 
-def test_a_point_of_a_goal_that_is_not_finite_is_refused():
+def test_points_that_are_not_finite_are_refused():
     feature = FEATURES.create("points")
     goal = taught(feature, SQUARE)
     points = [[0.1, 0.1], [0.1, float("nan")], [-0.1, -0.1], [0.2, 0.0]]
     with pytest.raises(ConfigurationError, match="a point is not finite"):
         feature.check(replace(goal, features={"points": {"points": points}}))
+    spots = Goal(depth=0.2, features={"spots": {"points": [[0, 0], [1, 0], [1, 1]]}})
+    with pytest.raises(MeasurementError, match="not finite"):
+        TwoSpots().measure(look(frozenset(), GOAL), spots)
     # those on one line turn neither way round
     line = np.array([[-0.1, 0.0], [0.02, 0.0], [0.1, 0.0], [0.16, 0.0]])
     goal = replace(goal, features={"points": {"points": line}})
@@ -463,7 +444,7 @@ def depth_image(camera_T_object, mask=True):
     return np.where(mask, depth, depth + 0.05).astype(np.float32)
 
 
-@pytest.mark.parametrize("name", ["points", "points_3d", "lines"])
+@pytest.mark.parametrize("name", ["points", "numbered_points", "points_3d", "lines"])
 def test_the_plane_is_that_of_goal_and_kinematics(name):
     feature = FEATURES.create(name)
     goal = taught(feature)
@@ -476,6 +457,11 @@ def test_the_plane_is_that_of_goal_and_kinematics(name):
     np.testing.assert_allclose(
         feature.measure(found, goal).L, feature.measure(known, goal).L, rtol=1e-7, atol=1e-9
     )
+    with pytest.raises(MeasurementError, match="the target's plane is not known"):
+        feature.measure(look(feature.needs, TILTED, plane=False), goal)
+    if name != "points_3d":
+        with pytest.raises(MeasurementError, match="behind the camera"):
+            feature.measure(replace(known, plane=Plane(0.0, 0.0, -5.0)), goal)
 
 
 def test_the_plane_is_known_from_both_its_sides_and_not_in_it():
@@ -488,13 +474,8 @@ def test_the_plane_is_known_from_both_its_sides_and_not_in_it():
     assert replace(goal, world_T_camera=None).compute_plane(np.eye(4)) is None
 
 
-@pytest.mark.parametrize("name", ["points", "lines"])
-def test_a_plane_behind_the_camera_is_refused_where_points_are_to_lie_in_it(name):
-    feature = FEATURES.create(name)
-    goal = taught(feature)
+def test_a_point_that_is_infinitely_far_away_is_refused():
     with pytest.raises(MeasurementError, match="behind the camera"):
-        feature.measure(replace(look(feature.needs, GOAL), plane=Plane(0.0, 0.0, -5.0)), goal)
-    with pytest.raises(MeasurementError, match="behind the camera"):  # infinitely far away
         compute_inverse_depth(Plane(2.0, 0.0, 1.0), np.array([[0.3, 0.1], [-0.5, 0.1]]))
 
 
@@ -531,54 +512,36 @@ def test_the_depth_of_the_area_is_the_goals_own_at_the_goal(posed):
         np.testing.assert_allclose(by_area.L / scale, exact.L / scale, atol=1e-3)
 
 
-@pytest.mark.parametrize("name", ["points", "numbered_points", "points_3d", "lines"])
-def test_without_a_plane_nothing_of_points_is_measured(name):
-    feature = FEATURES.create(name)
-    goal = taught(feature)
-    with pytest.raises(MeasurementError, match="the target's plane is not known"):
-        feature.measure(look(feature.needs, TILTED, plane=False), goal)
-
-
 def seen_with_depth(depth, needs=frozenset((Need.CORNERS, Need.DEPTH)), **options):
     """An image of the outline at TILTED, dark on white, with a depth image."""
-    known = look(needs, TILTED)
-    pixels = np.column_stack(CAMERA.project(*dense(known.contour).T))
+    pixels = np.column_stack(CAMERA.project(*dense(seen_from(TILTED)).T))
     image = np.full((240, 320), 255, np.uint8)
     cv2.fillPoly(image, [np.round(pixels).astype(np.int32)], 0)
-    return FeatureObserver(None, needs, **options).observe_image(
-        0.0, image, CAMERA, depth=depth
-    ), known
+    observer = FeatureObserver(None, needs, **options)
+    return observer.observe_image(0.0, image, CAMERA, depth=depth)
 
 
 def test_the_plane_is_that_of_the_depth_image_where_it_is_asked_for():
     goal = taught(FEATURES.create("points"))
-    hull = cv2.convexHull(np.column_stack(
-        CAMERA.project(*look(frozenset(), TILTED).contour.T)).astype(np.float32))  # fmt: skip
+    plane = Plane.from_pose(TILTED[:3, :3], TILTED[:3, 3])
+    pixels = np.column_stack(CAMERA.project(*seen_from(TILTED).T)).astype(np.float32)
     target = np.zeros((240, 320), np.uint8)
-    cv2.fillConvexPoly(target, np.round(hull).astype(np.int32), 1)
-    target = cv2.dilate(target, np.ones((5, 5))).astype(bool)
+    cv2.fillConvexPoly(target, np.round(cv2.convexHull(pixels)).astype(np.int32), 1)
+    depth = depth_image(TILTED, cv2.dilate(target, np.ones((5, 5))).astype(bool))
     for needs in ((Need.CORNERS,), (Need.MOMENTS,), (Need.CONTOUR, Need.MOMENTS)):
         # The goal's plane would be wrong: it is nearer, and the camera's pose is not known.
-        seen, known = seen_with_depth(
-            depth_image(TILTED, target),
-            frozenset((*needs, Need.DEPTH)),
-            compute_plane=goal.compute_plane,
-        )
+        needs = frozenset((*needs, Need.DEPTH))
+        seen = seen_with_depth(depth, needs, compute_plane=goal.compute_plane)
         assert seen.valid, seen.reason
-        np.testing.assert_allclose(seen.plane, known.plane, rtol=1e-4, atol=1e-4)
-    seen, _ = seen_with_depth(depth_image(TILTED, target), frozenset((Need.CORNERS,)))
+        np.testing.assert_allclose(seen.plane, plane, rtol=1e-4, atol=1e-4)
+    seen = seen_with_depth(depth, frozenset((Need.CORNERS,)))
     assert seen.plane is None and seen.depth is None
-
-
-def test_pixels_without_depth_do_not_count():
-    depth = depth_image(TILTED)
+    depth = depth_image(TILTED)  # pixels without depth do not count
     depth[::2], depth[1::4] = np.nan, 0.0
-    seen, known = seen_with_depth(depth)
-    np.testing.assert_allclose(seen.plane, known.plane, rtol=1e-4, atol=1e-4)
-    feature = FEATURES.create("points")
-    seen, _ = seen_with_depth(np.full((240, 320), np.inf, np.float32))
+    np.testing.assert_allclose(seen_with_depth(depth).plane, plane, rtol=1e-4, atol=1e-4)
+    seen = seen_with_depth(np.full((240, 320), np.inf, np.float32))
     with pytest.raises(MeasurementError, match="the depth image has no depth at the target"):
-        feature.measure(replace(seen, world_T_camera=np.eye(4)), taught(feature))
+        FEATURES.create("points").measure(replace(seen, world_T_camera=np.eye(4)), goal)
 
 
 ON_A_LINE = np.array([[-0.05, 0.01], [0.0, 0.01], [0.02, 0.01], [0.06, 0.01]])
@@ -639,12 +602,6 @@ class TwoSpots(PointFeature):
         return np.array([[0.0, 0.1], [0.2, np.nan], [0.3, 0.4]])
 
 
-def test_a_users_points_that_are_not_finite_are_refused():
-    goal = Goal(depth=0.2, features={"spots": {"points": [[0, 0], [1, 0], [1, 1]]}})
-    with pytest.raises(MeasurementError, match="not finite"):
-        TwoSpots().measure(look(frozenset(), GOAL), goal)
-
-
 def test_a_stack_has_the_parts_one_under_the_other_with_their_weights():
     parts = [FEATURES.create("moments"), FEATURES.create("points")]
     stack = Stack(parts, [2.0, 0.5])
@@ -662,31 +619,24 @@ def test_a_stack_has_the_parts_one_under_the_other_with_their_weights():
     np.testing.assert_array_equal(stack.desired_interaction(goal), np.vstack(rows))
     assert stack.accuracy(view, goal) is None  # exact
     assert len(scheme.tolerances) == len(scheme.names) == 20
-    assert stack.needs == {Need.MOMENTS, Need.CORNERS}
-    assert stack.directions == (True,) * 6
+    assert stack.needs == {Need.MOMENTS, Need.CORNERS} and stack.directions == (True,) * 6
     decision = scheme.compute(view, goal, 0.0)
     # weighted least squares: the same as rows scaled by the weights
     W = np.diag(stack.weights)
     expected = np.linalg.lstsq(W @ measured.L, W @ (-5.0 * measured.error), rcond=None)[0]
     np.testing.assert_allclose(decision.task.twist, expected, rtol=1e-6, atol=1e-9)
     np.testing.assert_array_equal(decision.error, measured.error)
+    for weights in ([1.0], [1.0, -1.0], [1.0, np.nan], [0, 0]):
+        with pytest.raises(ConfigurationError, match="weights"):
+            Stack(parts, weights)
 
 
-def test_a_part_that_sees_the_whole_turn_is_enough():
-    rectangle = SQUARE * [1.0, 0.6]
+@pytest.mark.parametrize(("shape", "open_"), [(SQUARE * [1.0, 0.6], "180°"), (OUTLINE, "")])
+def test_a_part_that_sees_the_whole_turn_is_enough(shape, open_):
     scheme = create_scheme("moments+points")
-    goal = Goal.teach(scheme, look(scheme.needs, GOAL, rectangle))
-    scheme.check(goal)
-    assert scheme.compute(look(scheme.needs, GOAL, rectangle), goal, 0.0).ambiguity == "180°"
-    with_direction = Goal.teach(scheme, look(scheme.needs, GOAL))
-    scheme.check(with_direction)
-    assert scheme.compute(look(scheme.needs, GOAL), with_direction, 0.0).ambiguity == ""
-
-
-@pytest.mark.parametrize("weights", [[1.0], [1.0, -1.0], [1.0, np.nan], [0, 0]])
-def test_wrong_weights_are_refused(weights):
-    with pytest.raises(ConfigurationError, match="weights"):
-        Stack([FEATURES.create("moments"), FEATURES.create("points")], weights)
+    seen = look(scheme.needs, GOAL, shape)
+    scheme.check(goal := Goal.teach(scheme, seen))
+    assert scheme.compute(seen, goal, 0.0).ambiguity == open_
 
 
 class Photo(Feature):
@@ -702,13 +652,14 @@ class Photo(Feature):
 
 
 def test_what_is_judged_by_other_numbers_than_its_rows_is_in_no_stack():
-    words = "luminance@left publishes other errors than the law uses"
-    for parts in (["points", "luminance"], ["matches", "luminance_dct"]):
-        with pytest.raises(ConfigurationError, match="cannot be combined"):
-            Stack([FEATURES.create(name) for name in parts])
     left = RemoteCameraFeature(FEATURES.create("luminance"), "left")
-    with pytest.raises(ConfigurationError, match=words):
-        Stack([left, FEATURES.create("points")])
+    for parts, words in (
+        (["points", "luminance"], "cannot be combined"),
+        (["matches", "luminance_dct"], "cannot be combined"),
+        ([left, "points"], "luminance@left publishes other errors than the law uses"),
+    ):
+        with pytest.raises(ConfigurationError, match=words):
+            Stack([FEATURES.create(part) if isinstance(part, str) else part for part in parts])
     assert Stack([FEATURES.create("points"), FEATURES.create("matches_pose")]).names
     stack = Stack([Photo(), FEATURES.create("points")])
     with pytest.raises(ConfigurationError, match="Photo publishes other errors"):
@@ -716,14 +667,9 @@ def test_what_is_judged_by_other_numbers_than_its_rows_is_in_no_stack():
 
 
 # -- kernel ------------------------------------------------------------------------------------
-
-
 def kernel_view(camera, camera_T_object, stamp=0.0):
-    flat = np.c_[OUTLINE, np.zeros(len(OUTLINE))]
-    seen = flat @ camera_T_object[:3, :3].T + camera_T_object[:3, 3]
-    outline = seen[:, :2] / seen[:, 2:]
     numbers = compute_outline_kernel_features(
-        outline, camera.pinhole, camera.width, camera.height
+        seen_from(camera_T_object), camera.pinhole, camera.width, camera.height
     ).to_message_data()
     return FeatureObserver(None, frozenset((Need.KERNEL,))).observe_moments(
         stamp, None, True, "", camera, kernel=numbers
@@ -743,13 +689,11 @@ def test_the_kernels_interaction_matrix_is_the_derivative(way, turn, fx, fy, row
     feature.check(goal)
     view = pose((0.01, 0.005, 0.2), (0, 0, turn))
     # the depth that the area tells, where the target lies square on
-    measured = feature.measure(kernel_view(camera, view), goal)
+    told = feature.measure(kernel_view(camera, view), goal).L @ way
     step = 2e-2 if way[5] else 4e-3
-    sides = []
-    for sign in (1.0, -1.0):
-        moved = np.linalg.inv(exponential(sign * step * np.array(way))) @ view
-        sides.append(feature.measure(kernel_view(camera, moved), goal).error)
-    found, told = (sides[0] - sides[1]) / (2.0 * step), measured.L @ way
+    places = [moved(view, sign * step * np.array(way)) for sign in (1.0, -1.0)]
+    sides = [feature.measure(kernel_view(camera, place), goal).error for place in places]
+    found = (sides[0] - sides[1]) / (2.0 * step)
     np.testing.assert_allclose(
         found[:rows], told[:rows], rtol=0.02, atol=0.02 * np.abs(told[:rows]).max()
     )

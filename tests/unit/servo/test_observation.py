@@ -1,6 +1,5 @@
 """Observations from images, messages and exact geometry are equal."""
 
-
 import cv2
 import numpy as np
 import pytest
@@ -46,34 +45,27 @@ def picture(shape):
 
 
 def test_a_picture_and_exact_geometry_say_the_same():
-    seen = FeatureObserver(the_arm(), ALL).observe_image(
-        0.5, picture(outline()), CAMERA, joints(0.5)
-    )
-    exact = FeatureObserver(the_arm(), ALL).observe_exact_features(
-        0.5, CAMERA, joints(0.5), contour=outline()
-    )
-    assert seen.valid, seen.reason
-    assert exact.valid
+    observer = FeatureObserver(the_arm(), ALL)
+    seen = observer.observe_image(0.5, picture(outline()), CAMERA, joints(0.5))
+    exact = observer.observe_exact_features(0.5, CAMERA, joints(0.5), contour=outline())
+    assert seen.valid and exact.valid, seen.reason
     assert seen.moments.m00 == pytest.approx(exact.moments.m00, rel=0.01)
     assert seen.moments.xg == pytest.approx(exact.moments.xg, abs=1e-3)
     assert seen.moments.order == exact.moments.order == 6
     assert seen.cameras == {"camera": seen} and not seen.has_other_target
     pixel = 1.0 / CAMERA.K[0]
     deviation = compute_rms_deviation(seen.corner_spread)
-    assert 0.001 * pixel < deviation < 0.05 * pixel and not seen.corner_spread.flags.writeable
+    assert 0.001 * pixel < deviation < 0.05 * pixel
     accuracy = np.hypot(CORNER_ACCURACY * pixel, deviation)
     assert (seen.corner_accuracy, seen.corner_repeatability) == (accuracy, 0.0)
     assert (exact.corner_accuracy, exact.corner_repeatability) == (0.0, 0.0)
-    assert seen.is_numbered is False and exact.is_numbered is None
-    assert exact.corner_spread is None
+    assert seen.is_numbered is False and exact.is_numbered is exact.corner_spread is None
     assert (exact.pixel_count, exact.touched_borders, exact.is_plane_measured) == (0, (), False)
-    assert len(seen.contour) > 50
-    assert seen.kernel.shape == (20,)
-    assert seen.pixel_count > 100
+    assert len(seen.contour) > 50 and seen.kernel.shape == (20,) and seen.pixel_count > 100
     np.testing.assert_array_equal(seen.world_T_camera, the_arm().pose(seen.joints.positions))
-    for array in (seen.image, seen.contour, seen.corners, seen.kernel, seen.world_T_camera,
-                  seen.joints.positions, seen.joints.velocities):
-        assert not array.flags.writeable
+    assert not any(array.flags.writeable for array in (
+        seen.image, seen.contour, seen.corners, seen.corner_spread, seen.kernel,
+        seen.world_T_camera, seen.joints.positions, seen.joints.velocities))  # fmt: skip
 
 
 @pytest.mark.parametrize("need", Need)
@@ -97,36 +89,23 @@ def test_without_segmentation_asked_for_an_empty_picture_is_valid():
         seen = FeatureObserver(None, frozenset((Need.IMAGE,))).observe_image(0.0, given, CAMERA)
         assert seen.valid
         np.testing.assert_array_equal(seen.image, given)
-    seen = FeatureObserver(None, frozenset((Need.IMAGE, Need.MOMENTS))).observe_image(
-        0.0, white, CAMERA
-    )
-    assert not seen.valid
-    assert seen.reason == "no target in view"
-    assert seen.image is not None
+    needs = frozenset((Need.IMAGE, Need.MOMENTS))
+    seen = FeatureObserver(None, needs).observe_image(0.0, white, CAMERA)
+    assert (seen.valid, seen.reason) == (False, "no target in view") and seen.image is not None
 
 
-def test_a_target_at_the_border_is_said_with_the_border():
-    shape = outline() - [outline()[:, 0].min() + 1.6, 0.0]  # the picture begins at -1.55
-    seen = FeatureObserver(None).observe_image(0.0, picture(shape), CAMERA)
-    assert not seen.valid
-    assert seen.touched_borders == ("left",)
-    assert "left" in seen.reason
-
-
-def test_a_picture_of_another_size_than_the_camera():
-    seen = FeatureObserver(None).observe_image(0.0, picture(outline())[:200], CAMERA)
-    assert not seen.valid
-    assert "320 x 200" in seen.reason
-
-
-def test_a_picture_that_cannot_be_segmented_as_asked_says_why():
+def test_pictures_that_cannot_be_measured_say_why():
+    aside = picture(outline() - [outline()[:, 0].min() + 1.6, 0.0])  # the picture begins at -1.55
     by_colour = SegmentationSettings(method="nearest_colour", near_colour=(200, 30, 40))
-    seen = FeatureObserver(None, segmentation=by_colour).observe_image(
-        0.0, picture(outline()), CAMERA
-    )
-    assert not seen.valid and seen.moments is None
-    reason = "segmentation 'nearest_colour' needs a colour image, but the image is grey; use a "
-    assert seen.reason == reason + "colour camera or method 'otsu'"
+    for image, segmentation, borders, words in (
+        (aside, None, ("left",), "left"), (picture(outline())[:200], None, (), "320 x 200"),
+        (picture(outline()), by_colour, (), "segmentation 'nearest_colour' needs a colour image, "
+         "but the image is grey; use a colour camera or method 'otsu'"),
+    ):  # fmt: skip
+        given = {} if segmentation is None else {"segmentation": segmentation}
+        seen = FeatureObserver(None, **given).observe_image(0.0, image, CAMERA)
+        assert not seen.valid and seen.moments is None
+        assert words in seen.reason and seen.touched_borders == borders
 
 
 def test_a_tracker_that_uses_colour_gets_rgb():
@@ -139,10 +118,9 @@ def test_a_tracker_that_uses_colour_gets_rgb():
 
     image = np.full((CAMERA.height, CAMERA.width, 3), 76, np.uint8)  # the grey level of this red
     image[40:43, 60:63] = 255, 0, 0
+    observer = FeatureObserver(None, frozenset((Need.CORNERS,)), tracker=Red())
     for encoding, pixels in (("rgb8", image), ("bgr8", image[..., ::-1].copy())):
-        seen = FeatureObserver(None, frozenset((Need.CORNERS,)), tracker=Red()).observe_image(
-            0.0, Image(pixels, encoding), CAMERA
-        )
+        seen = observer.observe_image(0.0, Image(pixels, encoding), CAMERA)
         found = np.column_stack(CAMERA.project(*seen.corners.T)[:2])
         np.testing.assert_allclose(found, [(61.0, 41.0)], atol=1e-6)
 
@@ -182,60 +160,52 @@ def test_of_messages():
         0.1, exact, True, "", CAMERA, joints(0.1), kernel=np.arange(20.0), pixel_count=7,
         touched_borders=("top",), commands=[joints(0.05)],
     )  # fmt: skip
-    assert seen.valid
-    assert seen.moments is exact
+    assert seen.valid and seen.moments is exact and len(seen.commands) == 1
     assert (seen.pixel_count, seen.touched_borders) == (7, ("top",))
-    assert len(seen.commands) == 1
     np.testing.assert_array_equal(seen.kernel, np.arange(20.0))
-    none = observer.observe_moments(0.2, None, True, "", CAMERA)
-    assert not none.valid
-    assert none.reason == "the camera node sent no moments"
-    bad = observer.observe_moments(0.3, exact, False, "cut by the border", CAMERA)
-    assert (bad.valid, bad.reason) == (False, "cut by the border")
+    for moments, valid, reason in ((None, True, "the camera node sent no moments"),
+                                   (exact, False, "cut by the border")):  # fmt: skip
+        bad = observer.observe_moments(0.2, moments, valid, reason * (not valid), CAMERA)
+        assert (bad.valid, bad.reason) == (False, reason)
 
 
-@pytest.mark.parametrize(
-    "change",
-    [{"xg": 1e308}, {"xg": -31.0}, {"yg": -31.0}, {"m00": 3601.0}, {"centred": 1e300},
-     {"m00": 0.0, "centred": 0.0}, {"xg": np.nan}],
-)  # fmt: skip
+@pytest.mark.parametrize("change", [
+    {"xg": 1e308}, {"xg": -31.0}, {"yg": -31.0}, {"m00": 3601.0}, {"centred": 1e300},
+    {"m00": 0.0, "centred": 0.0}, {"xg": np.nan},
+])  # fmt: skip
 def test_moments_that_no_camera_can_see(change):
     m = Moments.from_polygon(outline(), 4)
-    values = {"m00": m.m00, "xg": m.xg, "yg": m.yg, **change}
-    centred = m.centred * (change.get("centred", 1.0))
-    bad = Moments(4, m.kind, values["m00"], values["xg"], values["yg"], centred)
-    assert explain_implausible(bad)
+    values = {"m00": m.m00, "xg": m.xg, "yg": m.yg, "centred": 1.0, **change}
+    bad = Moments(4, m.kind, values["m00"], values["xg"], values["yg"],
+                  m.centred * values["centred"])  # fmt: skip
     seen = FeatureObserver(None).observe_moments(0.0, bad, True, "", CAMERA)
-    assert not seen.valid
-    assert "implausible" in seen.reason
-    assert seen.moments is None
-    assert explain_implausible(m) == ""
+    assert not seen.valid and "implausible" in seen.reason and seen.moments is None
     wide = 28.0 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-    # 88 degrees off the axis, nearly
-    assert explain_implausible(Moments.from_polygon(wide, 4)) == ""
+    for good in (m, Moments.from_polygon(wide, 4)):  # 88 degrees off the axis, nearly
+        assert explain_implausible(good) == ""
 
 
 def test_exact_points_alone_and_nothing_in_view():
     observer = FeatureObserver(None, frozenset((Need.CORNERS,)))
     seen = observer.observe_exact_features(0.0, CAMERA, points=[[0.1, 0.2], [0.3, 0.4], [0.0, 0.5]])
-    assert seen.valid
-    assert seen.moments is None
-    assert seen.corners.shape == (3, 2)
-    assert not observer.observe_exact_features(0.1, CAMERA).valid
-    assert not observer.observe_exact_features(0.2, CAMERA, points=[[np.nan, 0.0]]).valid
-    crossed = [[0, 0], [0.1, 0.1], [0.1, 0], [0, 0.1]]
-    seen = observer.observe_exact_features(0.3, CAMERA, contour=crossed)
-    assert not seen.valid and "cross" in seen.reason
+    assert seen.valid and seen.moments is None and seen.corners.shape == (3, 2)
+    finite = "a coordinate of the target's outline or corners is not finite"
+    for given, reason in (
+        ({}, ""), ({"points": [[np.nan, 0.0]]}, finite),
+        ({"contour": [[0, 0], [0.1, 0.1], [0.1, 0], [0, 0.1]]}, "cross"),
+        ({"contour": outline(), "points": [[0.1, np.nan], [0.2, 0.3]]}, finite),
+        ({"contour": outline(), "points": [[0.1, 0.2], [np.inf, 0.3]]}, finite),
+    ):
+        seen = observer.observe_exact_features(0.1, CAMERA, **given)
+        assert not seen.valid and reason in seen.reason
 
 
 @pytest.mark.parametrize("kind", [list, np.float32, np.array])
 def test_a_given_pose_is_copied_whatever_its_type(kind):
     pose = [[1, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 1], [0, 0, 0, 1]]
-    seen = FeatureObserver(None, frozenset()).observe_exact_features(
-        0.0, CAMERA, world_T_camera=kind(pose), points=[[0.1, 0.2], [0.3, 0.4], [0.0, 0.5]]
-    )
-    assert seen.world_T_camera.dtype == float and not seen.world_T_camera.flags.writeable
-    assert seen.world_T_camera.tolist() == pose
+    found = FeatureObserver(None, frozenset()).observe_exact_features(
+        0.0, CAMERA, world_T_camera=kind(pose), points=[[0.1, 0.2], [0.3, 0.4]]).world_T_camera
+    assert found.dtype == float and not found.flags.writeable and found.tolist() == pose
 
 
 def test_a_lens_is_undone():
@@ -256,17 +226,8 @@ def test_moments_spread_no_further_than_any_lens_sees(i, j, most, sign):
     for part, plausible in ((0.99, True), (1.01, False)):
         centred = m.centred.copy()
         centred[i, j] = sign * part * most * m.m00
-        assert (
-            explain_implausible(Moments(4, m.kind, m.m00, m.xg, m.yg, centred)) == ""
-        ) is plausible
-
-
-def test_a_coordinate_that_is_not_finite_among_those_that_are():
-    observer = FeatureObserver(None, frozenset((Need.CORNERS,)))
-    for points in ([[0.1, np.nan], [0.2, 0.3]], [[0.1, 0.2], [np.inf, 0.3]]):
-        seen = observer.observe_exact_features(0.5, CAMERA, contour=outline(), points=points)
-        assert not seen.valid
-        assert seen.reason == "a coordinate of the target's outline or corners is not finite"
+        bad = explain_implausible(Moments(4, m.kind, m.m00, m.xg, m.yg, centred))
+        assert (bad == "") is plausible
 
 
 def test_a_pose_that_is_known_better_comes_before_that_of_the_joints():
@@ -288,54 +249,45 @@ def test_a_pose_that_is_known_better_comes_before_that_of_the_joints():
 def test_no_motion_is_told_to_and_from_joints_that_are_guessed():
     """A pose that is known better is not theirs."""
     observer, q = FeatureObserver(the_arm()), np.array(STARTS["2016"])
-    told = []
-    for k, guessed in enumerate((False, True, False, False)):
-        known = joints(0.04 * k, q + 0.01 * k)
-        known = JointSample.from_values(
-            known.stamp, known.names, known.positions, is_uncertain=guessed
-        )
-        seen = observer.observe_exact_features(0.04 * k, CAMERA, known, contour=outline())
+    told, better = [], {"world_T_camera": the_arm().pose(q)}
+    for k, (guessed, known) in enumerate((
+        (False, {}), (True, {}), (False, {}), (False, {}), (True, better), (True, better),
+    )):  # fmt: skip
+        sample = JointSample.from_values(
+            0.04 * k, the_arm().names, q + 0.01 * k, is_uncertain=guessed)
+        seen = observer.observe_exact_features(0.04 * k, CAMERA, sample, contour=outline(), **known)
         assert seen.world_T_camera is not None
         told.append(seen.previous_T_camera is not None)
-    assert told == [False, False, False, True]
-    pose = the_arm().pose(q)
-    for k in (4, 5):
-        seen = observer.observe_exact_features(
-            0.04 * k, CAMERA, JointSample.from_values(0.04 * k, known.names, q, is_uncertain=True),
-            contour=outline(), world_T_camera=pose)
-        assert seen.previous_T_camera is not None
+    assert told == [False, False, False, True, True, True]
 
 
 @pytest.mark.parametrize("told", [None, Plane(0.3, 0.1, 2.0)])
 def test_points_are_a_tracker_s_as_it_answers_them(told):
     heard, found = [], Plane(0.1, 0.2, 4.0)
 
-    forgot = []
-
     class Fixed(Tracker):
         def find(self, grey):
             raise AssertionError(grey)
 
-        def track(self, grey, camera, world_T_camera=None, depth=None):
-            heard.append((grey.shape, camera, world_T_camera, depth))
+        def track(self, *given, **more):
+            heard.append((given, more))
             return TrackedPoints(
                 np.array([[0.1, 0.2], [0.3, -0.4]]), found, 0.01, 0.002, "DICT_5X5_100:7",
                 np.eye(4))
 
         def reset(self):
-            forgot.append(True)
+            heard.append("reset")
 
     observer = FeatureObserver(the_arm(), frozenset((Need.CORNERS,)), tracker=Fixed())
     white, depth = np.full((240, 320), 250, np.uint8), np.full((240, 320), 0.3, np.float32)
     seen = observer.observe_image(0.5, white, CAMERA, joints(0.5), depth=depth, plane=told)
-    assert seen.valid and forgot == [True]
-    ((shape, camera, pose, given),) = heard
-    assert shape == (240, 320) and camera is CAMERA and given is depth
+    reset, ((grey, camera, pose, given), _) = heard
+    assert seen.valid and reset == "reset"
+    assert grey.shape == (240, 320) and camera is CAMERA and given is depth
     np.testing.assert_array_equal(pose, the_arm().pose(joints(0.5).positions))
     assert seen.corners.tolist() == [[0.1, 0.2], [0.3, -0.4]] and not seen.corners.flags.writeable
     assert (seen.corner_accuracy, seen.corner_repeatability) == (0.01, 0.002)
-    assert seen.is_numbered is True
-    assert seen.marker == "DICT_5X5_100:7"
+    assert seen.is_numbered is True and seen.marker == "DICT_5X5_100:7"
     np.testing.assert_array_equal(seen.corner_spread, np.eye(4))
     assert seen.plane == (told or found) and seen.depth is None
 

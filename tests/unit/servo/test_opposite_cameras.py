@@ -60,28 +60,20 @@ def rig(control, other, moved_by):
                          compute_plane=lambda pose: FAR)])  # fmt: skip
 
 
-def together(control, other, q, other_q=None):
+def together(control, other, q):
     moved_by = make_camera_kinematics(ROBOT, control, other, "second")
-    made = rig(control, other, moved_by)
-
-    def look(name, q):
-        joints = JointSample.from_values(1.0, PALM.names, q)
-        return made.observers[name].observe_exact_features(1.0, CAMERA, joints, contour=SQUARE)
-
-    seen = look("second", q if other_q is None else other_q)
-    return made.merge_observations(look("first", q), {"second": seen})
-
-
-@pytest.mark.parametrize(("control", "other"), [(PALM, WALL), (WALL, PALM)], ids=["palm", "wall"])
-def test_the_other_twist_is_of_control_times_the_controls(control, other):
-    seen = together(control, other, Q).other_cameras["second"]
-    twist, own = control.jacobian(Q), other.jacobian(Q)
-    np.testing.assert_allclose(seen.twist_from_control @ twist, own, atol=1e-12)
-    assert np.abs(own).max() > 0.3  # there is a motion to speak of
+    made, joints = rig(control, other, moved_by), JointSample.from_values(1.0, PALM.names, q)
+    first, second = (observer.observe_exact_features(1.0, CAMERA, joints, contour=SQUARE)
+                     for observer in made.observers.values())  # fmt: skip
+    return made.merge_observations(first, {"second": second})
 
 
 @pytest.mark.parametrize(("control", "other"), [(PALM, WALL), (WALL, PALM)], ids=["palm", "wall"])
 def test_its_pose_is_before_its_own_target_and_it_stands_before_the_controls(control, other):
+    seen = together(control, other, Q).other_cameras["second"]
+    twist, own = control.jacobian(Q), other.jacobian(Q)
+    np.testing.assert_allclose(seen.twist_from_control @ twist, own, atol=1e-12)
+    assert np.abs(own).max() > 0.3  # there is a motion to speak of
     moved_by = make_camera_kinematics(ROBOT, control, other, "second")
     assert isinstance(moved_by, InverseCameraKinematics)
     for q in (Q, -2.0 * Q):
@@ -93,17 +85,16 @@ def test_its_pose_is_before_its_own_target_and_it_stands_before_the_controls(con
 
 
 def test_what_it_has_moved_since_its_exposure_is_its_own_motion():
-    made = make_camera_kinematics(ROBOT, PALM, WALL, "second")
-    then, now = Q - [0.01, 0.02, -0.03], Q
-    bound = rig(PALM, WALL, made)
-    joints = [JointSample.from_values(t, PALM.names, q) for t, q in ((0.98, then), (1.0, now))]
-    earlier = bound.observers["second"].observe_exact_features(
-        0.98, CAMERA, joints[0], contour=SQUARE
-    )
-    first = bound.control.observe_exact_features(1.0, CAMERA, joints[1], contour=SQUARE)
-    second = bound.merge_observations(first, {"second": earlier}).other_cameras["second"]
-    moved = second.motion_since_exposure
-    np.testing.assert_allclose(moved, logarithm(relative_pose(WALL.pose(then), WALL.pose(now))))
+    bound = rig(PALM, WALL, make_camera_kinematics(ROBOT, PALM, WALL, "second"))
+    then = Q - [0.01, 0.02, -0.03]
+    second, first = (
+        observer.observe_exact_features(
+            stamp, CAMERA, JointSample.from_values(stamp, PALM.names, q), contour=SQUARE)
+        for observer, stamp, q in ((bound.observers["second"], 0.98, then), (bound.control, 1.0, Q))
+    )  # fmt: skip
+    moved = bound.merge_observations(first, {"second": second}).other_cameras["second"]
+    np.testing.assert_allclose(
+        moved.motion_since_exposure, logarithm(relative_pose(WALL.pose(then), WALL.pose(Q))))
 
 
 def test_a_goal_keeps_each_cameras_own_plane():
@@ -113,40 +104,24 @@ def test_a_goal_keeps_each_cameras_own_plane():
     known = replace(goal, target=the_goal("2016").target)
     for control, other, names in ((PALM, WALL, ["first", "second"]),
                                   (WALL, PALM, ["second", "first"])):  # fmt: skip
-        name = names[1]
-        fitted = known.for_cameras(
-            {names[0]: control, name: make_camera_kinematics(ROBOT, control, other, name)}
-        )
+        moved_by = make_camera_kinematics(ROBOT, control, other, names[1])
+        fitted = known.for_cameras(dict(zip(names, (control, moved_by), strict=True)))
         assert list(fitted.cameras) == names and fitted.target is known.target
         np.testing.assert_allclose(fitted.world_T_camera, control.pose(Q), atol=1e-12)
-        there = fitted.other_cameras[name].world_T_camera
+        there = fitted.other_cameras[names[1]].world_T_camera
         np.testing.assert_allclose(there, other.pose(Q), atol=1e-12)
     assert fitted.plane == FAR and fitted.other_cameras["first"].plane == goal.for_arm(PALM).plane
     np.testing.assert_allclose(
-        goal.other_cameras["second"].world_T_camera, WALL.pose(Q), atol=1e-12
-    )
-
-
-def test_a_plane_of_its_own_that_nothing_tells_is_asked_for():
-    made = rig(PALM, WALL, make_camera_kinematics(ROBOT, PALM, WALL, "second"))
-    made.observers["second"].compute_plane = None
-    joints = JointSample.from_values(1.0, PALM.names, Q)
-    first, second = (
-        observer.observe_exact_features(1.0, CAMERA, joints, contour=SQUARE)
-        for observer in made.observers.values()
-    )
-    observation = made.merge_observations(first, {"second": second})
+        goal.other_cameras["second"].world_T_camera, WALL.pose(Q), atol=1e-12)
+    second = replace(observation.other_cameras["second"], plane=None)  # which nothing tells
     with pytest.raises(ConfigurationError, match="camera second has its own target"):
-        Goal.teach(None, observation, depth=0.5)
+        Goal.teach(None, replace(observation, other_cameras={"second": second}), depth=0.5)
 
 
 # -- as the node's parameters say it -----------------------------------------------------------
-
-
-def settings(first="palm", **second):
+def settings(first):
     cameras = {"palm": {"namespace": "/palm"}, "wall": {"target_frame": "plate"}}
     order = [first, *(name for name in cameras if name != first)]
-    cameras["wall"] |= second
     return ControllerSettings.from_mapping({
         "scheme": "points@palm+points@wall", "cameras": {name: cameras[name] for name in order},
     })  # fmt: skip
@@ -156,30 +131,24 @@ def settings(first="palm", **second):
 def test_a_nodes_cameras_say_which_link_carries_what_they_look_at(first):
     asked = settings(first)
     arm = asked.make_arm(ROBOT)
-    assert arm.target_frame == {"palm": "", "wall": "plate"}[first]
+    links = {"palm": "", "wall": "plate"}
+    assert arm.target_frame == links[first]
     ((name, moved_by),) = asked.make_other_cameras(ROBOT, arm).items()
     assert name == {"palm": "wall", "wall": "palm"}[first]
     assert isinstance(moved_by, InverseCameraKinematics)
     np.testing.assert_allclose(moved_by.pose(Q), {"palm": PALM, "wall": WALL}[name].pose(Q))
-
-
-def test_a_camera_without_a_link_of_its_own_has_that_of_all():
-    assert settings().get_camera("palm").target_frame == ""
-    assert settings().get_camera("wall").target_frame == "plate"
+    # A camera without a link of its own has that of all.
+    assert {name: asked.get_camera(name).target_frame for name in links} == links
     one = ControllerSettings.from_mapping({"scheme": "points", "target_frame": "plate"})
     assert one.get_camera("camera").target_frame == "plate"
 
 
-@pytest.mark.parametrize(
-    ("control", "frame", "link", "words"),
-    [
-        (PALM, "wall_optical_frame", "b", "is moved by slide, turn and the control camera by"),
-        (PALM, "elbow_optical_frame", "plate", "elbow_optical_frame and its target plate"),
-        (WALL, "wall_optical_frame", "hand", "is on hand and that of the control camera on plate"),
-    ],
-)
+@pytest.mark.parametrize(("control", "frame", "link", "words"), [
+    (PALM, "wall_optical_frame", "b", "is moved by slide, turn and the control camera by"),
+    (PALM, "elbow_optical_frame", "plate", "elbow_optical_frame and its target plate"),
+    (WALL, "wall_optical_frame", "hand", "is on hand and that of the control camera on plate"),
+])  # fmt: skip
 def test_what_cannot_be_is_said(control, frame, link, words):
+    other = Arm.from_urdf(ROBOT, frame, target_frame=link)
     with pytest.raises(ConfigurationError, match=words):
-        make_camera_kinematics(
-            ROBOT, control, Arm.from_urdf(ROBOT, frame, target_frame=link), "second"
-        )
+        make_camera_kinematics(ROBOT, control, other, "second")

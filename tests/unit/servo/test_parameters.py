@@ -88,19 +88,16 @@ def test_the_goal_follows_the_start():
     assert of(desired="~/mine.yaml").find_goal_file() == Path("~/mine.yaml").expanduser()
 
 
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        ({"gian": 3.0}, "unknown parameter ~gian: did you mean 'gain'"),
-        ({"gain": 0.0}, "~gain is 0.0, must be > 0"),
-        ({"scheme": ""}, "~scheme is '', must be a text"),
-        ({"max_velocity": "high"}, "~max_velocity is 'high', must be a number, a list"),
-        ({"joints": "J1"}, "~joints is 'J1', must be a list"),
-        ({"package": "/"}, "unknown parameter ~package"),
-        ({"namespace": "my robot"}, "~namespace is 'my robot', which is not a ROS graph name"),
-        ({"segmentation": {"component": "mask"}}, "~segmentation.component 'mask' is for the cam"),
-    ],
-)
+@pytest.mark.parametrize(("given", "words"), [
+    ({"gian": 3.0}, "unknown parameter ~gian: did you mean 'gain'"),
+    ({"gain": 0.0}, "~gain is 0.0, must be > 0"),
+    ({"scheme": ""}, "~scheme is '', must be a text"),
+    ({"max_velocity": "high"}, "~max_velocity is 'high', must be a number, a list"),
+    ({"joints": "J1"}, "~joints is 'J1', must be a list"),
+    ({"package": "/"}, "unknown parameter ~package"),
+    ({"namespace": "my robot"}, "~namespace is 'my robot', which is not a ROS graph name"),
+    ({"segmentation": {"component": "mask"}}, "~segmentation.component 'mask' is for the cam"),
+])  # fmt: skip
 def test_wrong_parameters_are_named(given, words):
     with pytest.raises(ConfigurationError, match=words):
         of(**given)
@@ -149,43 +146,40 @@ def test_settings_of_the_loop_alone_have_bounds_too():
             ServoSettings(**{name: 1.01 * most})
 
 
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        ({"scheme": "momnts"}, "unknown scheme 'momnts': did you mean 'moments'"),
-        ({"law": "adaptve"}, "did you mean 'adaptive'"),
-        ({"gain": 1e6}, "law proportional: gain is 1000000.0, must be <= 1000 1/s"),
-        ({"law": "adaptive", "gain": 2.0}, "law 'adaptive' takes no 'gain': use one of"),
-        ({"start": "2017"}, "~start is '2017': did you mean '201"),
-        ({"start": [0.0] * 5}, "a finite number for each of gantry, J1"),
-        ({"start": [0, 0, 0, 2.5, 0, 0]}, "outside the joint's limits"),
-        ({"start": {"xyz": [0, 0, 5], "rpy": [3.1, 0, 0]}}, "out of the arm's reach"),
-        ({"law_options": {1: 2.0}}, "takes no '1'"),
-        ({"law_options": {"name": "pi"}}, "law 'proportional' takes no 'name'"),
-        ({"law_options": {"ramp": 0.1}}, "set ~ramp instead"),
-        ({"weights": [0.0]}, "at least one weight must be above 0"),
-        ({"desired": "/nowhere.yaml"}, "cannot read the goal /nowhere.yaml:"),
-        ({"desired": "no/where"}, "cannot read the goal no/where:"),
-        ({"desired": "2017"}, "unknown goal '2017': did you mean '201"),
-        ({"desired": "pose"}, "unknown goal 'pose': use one of 2015, 2016 .or the path of a YAML"),
-        ({"posture": {"J4": 0.0}}, "unknown joint J4"),
-        ({"posture": {"J1": 9.0}}, "posture: J1 is 9.0, must be a number within its limits"),
-        ({"posture": {"J1": -9.0}}, "posture: J1 is -9.0"),
-        ({"elbow": 0.5}, "side of the elbow J3 is 0.5: use -1 or 1"),
-        ({"elbow": [1, 1]}, "~elbow is .1.0, 1.0., must be -1 or 1, or"),
-        ({"controllers": {"J9": "x"}}, "~controllers has the unknown joint J9: use one of"),
-        ({"controllers": {"J1": ""}}, "~controllers: the value for J1 is '', must be the name"),
-        ({"elbow": {"J2": 1}}, "J2 is not an elbow"),
-        ({"max_velocity": 9.0}, "beyond the robot's own"),
-        ({"lead": {"J4": 0.1}}, "~lead has the unknown joint J4"),
-        ({"output": "torque"}, "~output is 'torque': use one of position, velocity, effort"),
-        ({"lead": -0.01}, "~lead is -0.01, must be >= 0 m, rad"),
-        ({"stiffness": [1.0, 2.0]}, "stiffness is .1.0, 2.0., must be one number, or a number for "
-                                    "each"),
-        ({"camera_frame": "camera"}, "did you mean 'camera_link'"),
-        ({"interaction": "meen"}, "unknown interaction 'meen': did you mean 'mean'"),
-    ],
-)
+@pytest.mark.parametrize(("given", "words"), [
+    ({"scheme": "momnts"}, "unknown scheme 'momnts': did you mean 'moments'"),
+    ({"law": "adaptve"}, "did you mean 'adaptive'"),
+    ({"gain": 1e6}, "law proportional: gain is 1000000.0, must be <= 1000 1/s"),
+    ({"law": "adaptive", "gain": 2.0}, "law 'adaptive' takes no 'gain': use one of"),
+    ({"start": "2017"}, "~start is '2017': did you mean '201"),
+    ({"start": [0.0] * 5}, "a finite number for each of gantry, J1"),
+    ({"start": [0, 0, 0, 2.5, 0, 0]}, "outside the joint's limits"),
+    ({"start": {"xyz": [0, 0, 5], "rpy": [3.1, 0, 0]}}, "out of the arm's reach"),
+    ({"law_options": {1: 2.0}}, "takes no '1'"),
+    ({"law_options": {"name": "pi"}}, "law 'proportional' takes no 'name'"),
+    ({"law_options": {"ramp": 0.1}}, "set ~ramp instead"),
+    ({"weights": [0.0]}, "at least one weight must be above 0"),
+    ({"desired": "/nowhere.yaml"}, "cannot read the goal /nowhere.yaml:"),
+    ({"desired": "no/where"}, "cannot read the goal no/where:"),
+    ({"desired": "2017"}, "unknown goal '2017': did you mean '201"),
+    ({"desired": "pose"}, "unknown goal 'pose': use one of 2015, 2016 .or the path of a YAML"),
+    ({"posture": {"J4": 0.0}}, "unknown joint J4"),
+    ({"posture": {"J1": 9.0}}, "posture: J1 is 9.0, must be a number within its limits"),
+    ({"posture": {"J1": -9.0}}, "posture: J1 is -9.0"),
+    ({"elbow": 0.5}, "side of the elbow J3 is 0.5: use -1 or 1"),
+    ({"elbow": [1, 1]}, "~elbow is .1.0, 1.0., must be -1 or 1, or"),
+    ({"controllers": {"J9": "x"}}, "~controllers has the unknown joint J9: use one of"),
+    ({"controllers": {"J1": ""}}, "~controllers: the value for J1 is '', must be the name"),
+    ({"elbow": {"J2": 1}}, "J2 is not an elbow"),
+    ({"max_velocity": 9.0}, "beyond the robot's own"),
+    ({"lead": {"J4": 0.1}}, "~lead has the unknown joint J4"),
+    ({"output": "torque"}, "~output is 'torque': use one of position, velocity, effort"),
+    ({"lead": -0.01}, "~lead is -0.01, must be >= 0 m, rad"),
+    ({"stiffness": [1.0, 2.0]}, "stiffness is .1.0, 2.0., must be one number, or a number for "
+                                "each"),
+    ({"camera_frame": "camera"}, "did you mean 'camera_link'"),
+    ({"interaction": "meen"}, "unknown interaction 'meen': did you mean 'mean'"),
+])  # fmt: skip
 def test_what_cannot_be_built_is_named(given, words):
     with pytest.raises(ConfigurationError, match=words):
         settings = of(**given)

@@ -15,26 +15,19 @@ from aras_visual_servo_controller.goals.goal import Goal
 
 
 def offsets(pose, there, points):
-    """Return the differences (2n,) between points (n, 3) projected at a pose (4, 4) and points (n,
-    2)."""
+    """Return how far (2n,) points (n, 3), projected at a pose (4, 4), are from points (n, 2)."""
     P = there @ pose[:3, :3].T + pose[:3, 3]
     return (P[:, :2] / P[:, 2:] - points).ravel()
 
 
 @pytest.mark.parametrize("view", range(len(VIEWS)))
 def test_noisy_points_give_the_pose_of_least_squares(view):
-    there = places(GOAL)
-    exact = VIEWS[view] @ np.linalg.inv(GOAL)
-    P = places(VIEWS[view])
-    noise = np.random.default_rng(view).normal(0.0, 5e-4, (len(CORNERS), 2))
-    points = P[:, :2] / P[:, 2:] + noise
+    there, exact = places(GOAL), VIEWS[view] @ np.linalg.inv(GOAL)
+    points = seen(VIEWS[view]) + np.random.default_rng(view).normal(0.0, 5e-4, (len(CORNERS), 2))
     found = estimate_planar_pose(there, points)
 
     def moved(step):
-        pose = exact.copy()
-        pose[:3, :3] = Rotation.from_rotvec(step[3:]).as_matrix() @ exact[:3, :3]
-        pose[:3, 3] += step[:3]
-        return pose
+        return pose(step[:3], step[3:]) @ exact
 
     exactly = {"xtol": 1e-15, "ftol": 1e-15, "gtol": 1e-15}
     best = least_squares(lambda x: offsets(moved(x), there, points), np.zeros(6), **exactly)
@@ -95,18 +88,11 @@ def test_no_motion_brings_the_points_nearer_than_they_are():
 def test_points_on_one_line_or_in_one_place_give_no_pose(points):
     with pytest.raises(MeasurementError, match="give no pose: they lie on one line"):
         estimate_planar_pose(places(GOAL), np.array(points))
-    feature = FEATURES.create("pose")
     with pytest.raises(ConfigurationError, match="a pose needs four points that are not on one"):
-        feature.check(Goal(depth=0.5, features={"pose": {"points": points}}))
-
-
-@pytest.mark.parametrize(("thin", "refused"), [(0.9e-9, True), (1.1e-9, False)])
-def test_what_is_thinner_than_a_rounding_is_a_line(thin, refused):
+        FEATURES.create("pose").check(Goal(depth=0.5, features={"pose": {"points": points}}))
     along, across = np.array([-1.0, -1.0, 1.0, 1.0]), np.array([1.0, -1.0, 1.0, -1.0])
-    assert features.are_collinear(np.column_stack([along, thin * across])) is refused
-
-
-def test_corners_of_which_one_comes_from_behind_the_camera_give_no_pose():
-    """As the second and the third of a quadrilateral that are taken for each other."""
+    for thin, refused in ((0.9e-9, True), (1.1e-9, False)):  # thinner than a rounding
+        assert features.are_collinear(np.column_stack([along, thin * across])) is refused
+    # one comes from behind where the second and the third are taken for each other
     with pytest.raises(MeasurementError, match="give a pose behind the camera"):
         estimate_planar_pose(places(GOAL), seen(GOAL)[[0, 2, 1, 3]])

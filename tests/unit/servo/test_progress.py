@@ -35,20 +35,18 @@ def watched(errors, dt=0.075, twist=TWIST, task=None, L=None, told=lambda i: {})
     """A ProgressCheck that was shown errors (m, k), in tolerances, and its last state.
 
     task: image -> its task; None: the twist itself.
-    told: image -> fields of its Resolution; None: it has no Resolution.
+    told: image -> fields of its IKSolution; None: it has none.
     """
     progress = ProgressCheck()
     for i, error in enumerate(np.asarray(errors, float)):
         tolerances = np.resize(TOLERANCES, len(error))
         features = error * tolerances
         decision = SchemeOutput(
-            names=tuple(f"s{k}" for k in range(len(error))), features=features,
-            desired=np.zeros(len(error)), error=features,
-            task=Task.from_twist(twist) if task is None else task(i),
-            L=L(i) if callable(L) else L)  # fmt: skip
+            tuple(f"s{k}" for k in range(len(error))), features, np.zeros(len(error)), features,
+            Task.from_twist(twist) if task is None else task(i), L(i) if callable(L) else L)
         said = told(i)
         state = ServoState(3.0 + dt * i, SERVOING, scheme_output=decision,
-                           ik_solution=None if said is None else resolution(**said))
+                           ik_solution=None if said is None else resolution(**said))  # fmt: skip
         progress.add(state, tolerances)
     return progress, state
 
@@ -57,32 +55,31 @@ STILL = np.full((20, 2), 10.0)  # of 20 images three fifths are 12
 STOPPED = {"stopped_joints": ("gantry",)}
 
 
-def kinds(progress, state):
-    return progress.explain_stall(state).kind, progress.explain_timeout("the time is over").kind
+def stall(*given, **more):
+    progress, state = watched(*given, **more)
+    return progress.explain_stall(state)
+
+
+def timeout(*given, **more):
+    return watched(*given, **more)[0].explain_timeout("the time is over")
 
 
 @pytest.mark.parametrize(("images", "there"), [(11, False), (12, True)])
 @pytest.mark.parametrize(("told", "kind"), [
-    (STOPPED, "joint_limit"),
-    ({"infeasible_twist": 0.5 * TWIST}, "singular"),
-    ({"scale": 0.5}, "saturation"),
+    (STOPPED, "joint_limit"), ({"infeasible_twist": 0.5 * TWIST}, "singular"),
+    ({"scale": 0.5}, "saturation"), (None, "singular"),
 ])  # fmt: skip
 def test_a_cause_has_to_be_there_in_three_of_five_images(told, kind, images, there):
-    found = kinds(*watched(STILL, told=lambda i: told if i >= 20 - images else {}))
+    given = {"told": lambda i: told if i >= 20 - images else {}}
+    if told is None:  # so has a rank that is too low
+        given = {"task": lambda i: task_of_rank(1 if i >= 20 - images else 2)}
+    found = stall(STILL, **given).kind, timeout(STILL, **given).kind
     assert found == ((kind, kind) if there else ("running", "no_progress"))
 
 
-@pytest.mark.parametrize(("images", "there"), [(11, False), (12, True)])
-def test_so_has_a_rank_that_is_too_low(images, there):
-    found = kinds(*watched(STILL, task=lambda i: task_of_rank(1 if i >= 20 - images else 2)))
-    assert found == (("singular",) * 2 if there else ("running", "no_progress"))
-
-
 def test_a_rank_that_noise_takes_away_asks_for_less_of_it():
-    L = np.eye(6)
-    uncertain = Task.from_interaction(L, np.ones(6), accuracy=np.diag([9.0, *[1e-3] * 5]))
-    found = watched(np.full((20, 6), 10.0), task=lambda i: uncertain)[0].explain_stall(
-        ServoState(4.5, SERVOING))
+    uncertain = Task.from_interaction(np.eye(6), np.ones(6), accuracy=np.diag([9.0, *[1e-3] * 5]))
+    found = stall(np.full((20, 6), 10.0), task=lambda i: uncertain)
     assert found.kind == "too_noisy" and "L has rank 5 of 6" in found.reason
     assert {change.key for change in found.remedy.changes} & {"target.size", "noise"}
 
@@ -94,9 +91,8 @@ def test_a_rank_that_noise_takes_away_asks_for_less_of_it():
 def test_full_rank_is_that_of_the_features_or_of_the_modelled_directions(
     numbers, modelled, rank, kind
 ):
-    task = task_of_rank(rank, modelled)
-    progress, _ = watched(np.full((20, numbers), 10.0), task=lambda i: task)
-    assert progress.explain_timeout("the time is over").kind == kind
+    errors = np.full((20, numbers), 10.0)
+    assert timeout(errors, task=lambda i: task_of_rank(rank, modelled)).kind == kind
 
 
 @pytest.mark.parametrize(("told", "twist", "kind"), [
@@ -110,16 +106,14 @@ def test_full_rank_is_that_of_the_features_or_of_the_modelled_directions(
 ])  # fmt: skip
 def test_what_the_arm_lacks_and_what_slows_it(told, twist, kind):
     """TWIST is 3 mm/s, a radian taken as 0.1 m; less than 0.2 mm/s is not worth a word."""
-    assert watched(STILL, twist=twist, told=lambda i: told)[0].explain_stall(
-        ServoState(4.5, SERVOING)).kind == kind
+    assert stall(STILL, twist=twist, told=lambda i: told).kind == kind
 
 
 @pytest.mark.parametrize(("after", "kind"), [(8.99, "running"), (9.0, "joint_limit")])
 def test_an_error_that_shrinks_by_less_than_a_tenth_is_stalled(after, kind):
     errors = np.where(np.arange(20)[:, None] < 10, [1.0, -10.0], [1.0, -after])
     errors[[3, 15]] *= [[0.9], [0.5]]  # one small one is no less error
-    assert watched(errors, told=lambda i: STOPPED)[0].explain_stall(
-        ServoState(4.5, SERVOING)).kind == kind
+    assert stall(errors, told=lambda i: STOPPED).kind == kind
 
 
 @pytest.mark.parametrize(("dt", "phase", "kind"), [
@@ -133,17 +127,15 @@ def test_a_stall_needs_a_window_of_images_of_a_loop_that_servoes(dt, phase, kind
 
 
 def test_a_limit_in_the_way_is_named_though_the_error_is_within_its_tolerances():
-    progress, state = watched(0.08 * STILL, told=lambda i: STOPPED)
-    assert kinds(progress, state) == ("joint_limit", "joint_limit")
-    assert "beyond the limit of gantry" in progress.explain_timeout("the time is over").reason
-
-
-def test_within_the_tolerances_is_each_error_s_mean_but_not_the_mean_of_all():
-    noise = 3.0 * np.tile([[1.0], [-1.0]], (10, 2))
     told = {"told": lambda i: STOPPED}
-    assert watched(noise, **told)[0].is_shrinking
-    assert not watched(np.tile([5.0, -5.0], (20, 1)), **told)[0].is_shrinking
-    assert not watched(noise + [0.0, 1.5], **told)[0].is_shrinking
+    last = timeout(0.08 * STILL, **told)
+    assert stall(0.08 * STILL, **told).kind == last.kind == "joint_limit"
+    assert "beyond the limit of gantry" in last.reason
+    # within them is each error's mean, but not the mean of all
+    noise = 3.0 * np.tile([[1.0], [-1.0]], (10, 2))
+    for errors, shrinks in ((noise, True), (np.tile([5.0, -5.0], (20, 1)), False),
+                            (noise + [0.0, 1.5], False)):  # fmt: skip
+        assert watched(errors, **told)[0].is_shrinking is shrinks
 
 
 @pytest.mark.parametrize(("reached", "since", "kind"), [
@@ -186,7 +178,7 @@ def test_an_error_that_no_motion_takes_away_is_a_local_minimum(reached, since, k
 def test_noise_that_hides_the_goal_is_told_when_the_time_is_over(error, kind):
     random = np.random.default_rng(1)
     errors = [(0.1 * random.normal(), error(k / 30.0, random.normal())) for k in range(45)]
-    found = watched(errors, dt=1 / 30)[0].explain_timeout("the time is over")
+    found = timeout(errors, dt=1 / 30)
     assert found.kind == kind
     if kind == "too_noisy":
         told = float(found.reason.split("scatters by ")[1].split(" times")[0])
@@ -199,8 +191,7 @@ def test_noise_that_hides_the_goal_is_told_when_the_time_is_over(error, kind):
 )
 def test_noise_asks_for_so_much_less_of_it_and_says_how_exact_a_place_is(size, keys):
     noise = size * np.random.default_rng(1).normal(size=(60, 2))
-    progress, _ = watched(noise + [30.0, 0.0], dt=1 / 40, L=np.eye(2, 6))
-    found = progress.explain_timeout("the time is over")
+    found = timeout(noise + [30.0, 0.0], dt=1 / 40, L=np.eye(2, 6))
     assert [change.key for change in found.remedy.changes] == keys
     if size > 2.0:
         factor = found.remedy.changes[0].value
@@ -217,11 +208,8 @@ def test_joints_that_were_slow_on_the_way_to_a_limit_are_known():
     progress, state = watched(errors, told=told)
     assert progress.explain_stall(state).kind == "joint_limit"
     assert progress.saturation_outcome is None  # 8 of 30
-    progress, state = watched(errors[:24], told=told)
-    assert (
-        progress.saturation_outcome.kind == "saturation"
-        and "33 %" in progress.saturation_outcome.reason
-    )
+    found = watched(errors[:24], told=told)[0].saturation_outcome
+    assert found.kind == "saturation" and "33 %" in found.reason
 
 
 @pytest.mark.parametrize(("size", "images", "kind"), [
@@ -231,20 +219,15 @@ def test_joints_that_were_slow_on_the_way_to_a_limit_are_known():
 def test_noise_of_a_tolerance_in_ten_images_is_worth_a_word(size, images, kind):
     noise = np.random.default_rng(2).normal(size=images)
     noise *= size / np.sqrt(np.mean(np.diff(noise, 2) ** 2) / 6.0)
-    progress, _ = watched(np.column_stack([np.zeros(images), 30.0 + noise]), dt=1 / 30)
-    assert progress.explain_timeout("the time is over").kind == kind
+    errors = np.column_stack([np.zeros(images), 30.0 + noise])
+    assert timeout(errors, dt=1 / 30).kind == kind
 
 
-@pytest.mark.parametrize(("dt", "kind"), [(0.19, "no_progress"), (0.21, "too_few_images")])
-def test_images_that_come_seldom_are_told_first(dt, kind):
-    assert watched(STILL, dt=dt)[0].explain_timeout("the time is over").kind == kind
-
-
-@pytest.mark.parametrize(("images", "kind"), [(1, "timed_out"), (2, "no_progress")])
-def test_one_image_alone_shows_no_lack_of_progress(images, kind):
-    assert watched(STILL[:images])[0].explain_timeout("the time is over").kind == kind
-
-
-def test_without_an_image_no_joint_was_at_its_limit():
-    check = ProgressCheck()
+@pytest.mark.parametrize(("images", "dt", "kind"), [
+    (20, 0.19, "no_progress"), (20, 0.21, "too_few_images"), (1, 0.075, "timed_out"),
+    (2, 0.075, "no_progress"),  # one image alone shows no lack of progress
+])  # fmt: skip
+def test_images_that_come_seldom_are_told_first(images, dt, kind):
+    assert timeout(STILL[:images], dt=dt).kind == kind
+    check = ProgressCheck()  # without an image no joint was at its limit
     assert check.saturation_outcome is None and check.is_shrinking and check.noise == 0.0

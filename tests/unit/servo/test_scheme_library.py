@@ -21,12 +21,18 @@ START = pose((0.06, -0.05, 0.9), (0.1, -0.12, 0.5))
 SOME = ("lines", "translation_camera+theta_u", "moments_six", "partitioned", "predictive")
 
 
-def fly(name, start=START, images=200, goal_pose=GOAL, dt=0.04, gain=1.5, **options):
-    scheme = create_scheme(name, Proportional(gain), **options)
-    goal = Goal.teach(scheme, look(FeatureObserver(None, scheme.needs), goal_pose))
+def taught(scheme, place=GOAL, **options):
+    """Return a scheme, which may be named, its observer, and a goal that was shown to it."""
+    scheme = create_scheme(scheme, **options) if isinstance(scheme, str) else scheme
+    observer = FeatureObserver(None, scheme.needs)
+    goal = Goal.teach(scheme, look(observer, place))
     scheme.check(goal)
-    scheme.reset()
-    observer, place, way = FeatureObserver(None, scheme.needs), start, [start]
+    return scheme, observer, goal
+
+
+def fly(name, start=START, images=200, dt=0.04, gain=1.5, **options):
+    scheme, observer, goal = taught(name, law=Proportional(gain), **options)
+    place, way = start, [start]
     for k in range(images):
         decision = scheme.compute(look(observer, place, dt * k), goal, dt * k)
         assert len(decision.error) == len(scheme.names) == len(scheme.tolerances)
@@ -35,8 +41,8 @@ def fly(name, start=START, images=200, goal_pose=GOAL, dt=0.04, gain=1.5, **opti
     return np.array(way), decision
 
 
-def distance(place, goal_pose=GOAL):
-    return float(np.linalg.norm(place @ np.linalg.inv(goal_pose) - np.eye(4)))
+def distance(place):
+    return float(np.linalg.norm(place @ np.linalg.inv(GOAL) - np.eye(4)))
 
 
 @pytest.mark.parametrize("name", SOME)
@@ -47,11 +53,10 @@ def test_it_comes_to_its_goal(name):
 
 def test_the_laboratorys_gains_are_in_its_own_ratio():
     """140, 120, 60 and 30, on what -L^-1 makes of the error; the target is parallel here."""
-    scheme = create_scheme("moments_2016", law=Proportional(1.0))
-    goal = Goal.teach(scheme, look(FeatureObserver(None, scheme.needs), GOAL))
+    scheme, observer, goal = taught("moments_2016", law=Proportional(1.0))
     near = GOAL.copy()
     near[:3, 3] += 0.02, -0.03, 0.05
-    decision = scheme.compute(look(FeatureObserver(None, scheme.needs), near), goal, 0.0)
+    decision = scheme.compute(look(observer, near), goal, 0.0)
     xn, yn = decision.features[:2]
     towards = decision.error + decision.error[3] * np.array([yn, -xn, 0.0, 0.0])
     expected = np.array([140.0, 120.0, 60.0, 30.0]) / 140.0 * towards
@@ -60,12 +65,8 @@ def test_the_laboratorys_gains_are_in_its_own_ratio():
 
 def test_what_sees_less_than_the_pose_comes_to_its_own_goal(name="ellipse"):
     near = pose((0.03, -0.04, 0.78), (0.13, -0.12, 0.2))
-    scheme = create_scheme(name)
-    goal = Goal.teach(scheme, look(FeatureObserver(None, scheme.needs), GOAL))
-    scheme.check(goal)
-    first = scheme.compute(look(FeatureObserver(None, scheme.needs), near), goal, 0.0)
-    _, last = fly(name, near, images=300)
-    tolerances = np.array(scheme.tolerances)
+    (_, first), (_, last) = fly(name, near, images=1), fly(name, near, images=300)
+    tolerances = np.array(create_scheme(name).tolerances)
     assert np.abs(first.error / tolerances).max() > 5.0
     assert np.abs(last.error / tolerances).max() < 0.5
 
@@ -82,10 +83,8 @@ def test_points_with_another_interaction_matrix(interaction):
 
 @pytest.mark.parametrize("name", ["moments_2016", "partitioned", "numbered_points"])
 def test_each_scheme_tells_its_law_the_time_and_that_since_the_last_image(name):
-    scheme, law = create_scheme(name), Asked()
-    scheme.law = law
-    observer = FeatureObserver(None, scheme.needs)
-    goal = Goal.teach(scheme, look(observer, GOAL))
+    scheme, observer, goal = taught(name)
+    scheme.law = law = Asked()
     decision = scheme.compute(replace(look(observer, START), dt=0.25), goal, 7.0)
     error, L, rotated, t, dt = law.given
     assert (t, dt) == (7.0, 0.25)
@@ -109,11 +108,6 @@ class Asked(Proportional):
         return -np.linspace(0.7, 1.3, len(given[0])) * given[0]
 
 
-def centres(way):
-    """Return the positions (n, 3) of the camera in the target's frame."""
-    return np.array([np.linalg.inv(place)[:3, 3] for place in way])
-
-
 def test_partitioned_takes_a_target_that_is_seen_very_small():
     small, scheme = 1e-4 * CORNERS, create_scheme("partitioned", Proportional(1.0))
     observer = FeatureObserver(None, scheme.needs)
@@ -131,15 +125,13 @@ def test_partitioned_leaves_to_the_points_what_its_two_motions_do_not_bring(rate
         def measure(self, observation, goal):
             return replace(super().measure(observation, goal), error_drift=rate)
 
-    scheme = Partitioned(law := Asked(), Drifting())
-    goal = Goal.teach(scheme, look(FeatureObserver(None, scheme.needs), GOAL))
-    seen = look(FeatureObserver(None, scheme.needs), START)
+    scheme, observer, goal = taught(Partitioned(law := Asked(), Drifting()))
+    seen = look(observer, START)
     decision = scheme.compute(seen, goal, 0.0)
     L, error, twist = decision.L, decision.error, decision.task.twist
     wanted = law.desired_error_rate(error)
-    now, then = seen.corners, goal.features["numbered_points"]["points"]
     hull, first = [], []
-    for corners in (now, np.array(then)):
+    for corners in (seen.corners, np.array(goal.features["numbered_points"]["points"])):
         x, y = corners.T
         hull.append(0.5 * abs(sum(x[i - 1] * y[i] - x[i] * y[i - 1] for i in range(4))))
         first.append(np.angle((corners[1] - corners[0]) @ (1, 1j)))
@@ -150,16 +142,16 @@ def test_partitioned_leaves_to_the_points_what_its_two_motions_do_not_bring(rate
     rest = wanted - rate - L[:, [2, 5]] @ twist[[2, 5]]
     others = [0, 1, 3, 4]
     np.testing.assert_allclose(twist[others], np.linalg.lstsq(L[:, others], rest, rcond=None)[0])
-    still = Partitioned(law)  # at the goal nothing is asked for
-    there = still.compute(look(FeatureObserver(None, scheme.needs), GOAL), goal, 0.0).task.twist
+    # at the goal nothing is asked for
+    there = Partitioned(law).compute(look(observer, GOAL), goal, 0.0).task.twist
     np.testing.assert_allclose(there, 0.0, atol=1e-12)
 
 
 def test_the_predictive_scheme_fits_a_decay_at_each_step_of_its_horizon():
     """Where no border is near: the nearest to four exponentials and to no motion at all."""
-    scheme = create_scheme("predictive", Proportional(0.8))
-    goal = Goal.teach(scheme, look(FeatureObserver(None, scheme.needs), GOAL))
-    decision = scheme.compute(look(FeatureObserver(None, scheme.needs), START), goal, 0.0)
+    scheme, observer, goal = taught("predictive", law=Proportional(0.8))
+    seen = look(observer, START)
+    decision = scheme.compute(seen, goal, 0.0)
     depths = np.repeat((goal.distance, 1.0), 3)  # lengths count in depths
     L, error = decision.L * depths, decision.error
     stamps = (0.1, 0.2, 0.3, 0.4)
@@ -167,11 +159,8 @@ def test_the_predictive_scheme_fits_a_decay_at_each_step_of_its_horizon():
     wanted = [*((np.exp(-0.8 * stamp) - 1.0) * error for stamp in stamps), np.zeros(6)]
     best = np.linalg.lstsq(np.vstack(rows), np.concatenate(wanted), rcond=None)[0]
     np.testing.assert_allclose(decision.task.twist, depths * best, atol=2e-5)
-    expected, found = (
-        create_scheme("predictive", law).compute(
-            look(FeatureObserver(None, scheme.needs), START), goal, 0.0
-        ).task.twist for law in (Proportional(1.0), Gainless())
-    )  # fmt: skip
+    expected, found = (create_scheme("predictive", law).compute(seen, goal, 0.0).task.twist
+                       for law in (Proportional(1.0), Gainless()))  # fmt: skip
     np.testing.assert_allclose(found, expected, atol=1e-6)  # 1/s, of a law without a gain
 
 
@@ -179,13 +168,11 @@ def test_the_predictive_scheme_fits_a_decay_at_each_step_of_its_horizon():
 def test_the_predictive_scheme_predicts_points_up_to_its_margin(way):
     """At the middle of each side of a lens's picture, with goals beyond it: 12 pixels are left."""
     lens = CameraModel(CAMERA.width, CAMERA.height, CAMERA.K, (-0.2, 0.05, 0.004, -0.003))
-    scheme = create_scheme("predictive", Proportional(5.0))
     across = np.array(way)
     begun = pose((*(0.1 * across * (2.0, 1.5)), 0.9), (0.0, 0.0, 0.3))
     beyond = pose((*(0.6 * across), 0.9), (0.0, 0.0, 0.3))
-    goal = Goal.teach(scheme, look(FeatureObserver(None, scheme.needs), beyond))
-    seen = replace(look(FeatureObserver(None, scheme.needs), begun), camera=lens)
-    decision = scheme.compute(seen, goal, 0.0)
+    scheme, observer, goal = taught("predictive", beyond, law=Proportional(5.0))
+    decision = scheme.compute(replace(look(observer, begun), camera=lens), goal, 0.0)
     ahead = decision.features + scheme.horizon * decision.L @ decision.task.twist
     middle = 0.5 * (np.array([lens.width, lens.height]) - 1)
     edge = np.ravel(lens.normalise(*(middle + across * (middle - scheme.margin))[:, None])[:2])
@@ -207,9 +194,7 @@ def test_each_scheme_says_what_a_square_leaves_open(name):
 
 def test_the_error_is_smoothed_over_the_time_that_passed_and_begins_anew_after_a_gap():
     """An image of the same time as the last one brings nothing new."""
-    scheme = create_scheme("numbered_points", smoothing=0.2)
-    observer = FeatureObserver(None, scheme.needs)
-    goal = Goal.teach(scheme, look(observer, GOAL))
+    scheme, observer, goal = taught("numbered_points", smoothing=0.2)
     further, smoothed = moved(START, np.array([0.1, -0.2, 0.1, 0.0, 0.1, 0.2])), None
     for place, stamp, passed in (
         (START, 0.0, np.inf), (further, 0.3, 0.3), (START, 0.3, 0.0), (START, 0.425, 0.125),
@@ -247,7 +232,6 @@ def test_the_predictive_scheme_does_nothing_of_which_the_points_tell_nothing():
 def test_the_predictive_scheme_keeps_to_its_speeds():
     far = pose((0.3, 0.2, 2.5), (0.1, 0.1, 0.3))
     way, _ = fly("predictive", far, images=20, gain=20.0)
-    steps = np.linalg.norm(np.diff(centres(way), axis=0), axis=1) / 0.04
-    scheme = create_scheme("predictive")
-    distance = Goal.teach(scheme, look(FeatureObserver(None, scheme.needs), GOAL)).distance
-    assert steps.max() <= np.sqrt(3) * distance + 1e-6
+    centres = [np.linalg.inv(place)[:3, 3] for place in way]
+    speeds = np.linalg.norm(np.diff(centres, axis=0), axis=1) / 0.04
+    assert speeds.max() <= np.sqrt(3) * taught("predictive")[2].distance + 1e-6

@@ -16,7 +16,6 @@ from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble
-from aras_visual_servo_bench.targets.geometry import PoseHistory
 from aras_visual_servo_bench.targets.target_factory import make_target
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.settings import ControllerSettings
@@ -25,14 +24,18 @@ from aras_visual_servo_controller.settings import ControllerSettings
 @pytest.fixture(scope="module")
 def meshes(tmp_path_factory):
     """The path of each solid's OBJ file, and of bad ones."""
-    folder, found = tmp_path_factory.mktemp("meshes"), {}
-    for name in ("box", "bracket"):
-        found[name] = str(write_obj(folder / f"{name}.obj", [(corners_of(name), 0.6)]))
-    box = corners_of("box")
-    bad = {"millimetres": 1e3 * box, "open": box[2:], "inside": box[:, ::-1]}
-    for name, triangles in bad.items():
-        found[name] = str(write_obj(folder / f"{name}.obj", [(triangles, 0.6)]))
-    return found
+    folder, box = tmp_path_factory.mktemp("meshes"), corners_of("box")
+    solids = {"box": box, "bracket": corners_of("bracket"), "millimetres": 1e3 * box,
+              "open": box[2:], "inside": box[:, ::-1]}  # fmt: skip
+    return {name: str(write_obj(folder / f"{name}.obj", [(triangles, 0.6)]))
+            for name, triangles in solids.items()}  # fmt: skip
+
+
+def reaches(experiment, distance, angle=1e-3):
+    """Assert that a run converges that near to its goal, m and rad."""
+    result = run(experiment)
+    assert result.outcome.startswith("converged"), result.outcome
+    assert result.verdict.distance < distance and result.verdict.angle < angle
 
 
 def flying(mesh, **more):
@@ -47,9 +50,7 @@ def flying(mesh, **more):
 
 def test_points_of_a_solid_lead_to_it(meshes):
     asked = flying(meshes["bracket"], calibration_offset={"centre": [0.4, -0.3]})
-    result = run(asked.with_changes(scheme="numbered_points"))
-    assert result.converged
-    assert result.verdict.distance < 3e-4 and result.verdict.angle < 1e-3
+    reaches(asked.with_changes(scheme="numbered_points"), 3e-4)
 
 
 def test_the_arm_goes_to_a_solid_on_its_table(meshes):
@@ -57,42 +58,34 @@ def test_the_arm_goes_to_a_solid_on_its_table(meshes):
     target = {"shape": meshes["bracket"], "pose": [0.0, 0.0, 0.5905, 0.0, 0.0, 0.3]}
     starts = {"height": [0.2, 0.3], "side": 0.04, "turn": 0.7, "tilt": 0.15, "margin": 4}
     rough = {"pose": [0.004, -0.003, 0.5925, 0.02, 0.0, 0.33]}
-    result = run(Experiment(
+    reaches(Experiment(
         target=target, scheme="pose", start=starts, seed=3, duration=12.0,
         controller_parameters={"model_start": rough, "depth_image": True},
-    ))  # fmt: skip
-    assert result.outcome.startswith("converged")
-    assert result.verdict.distance < 2e-4
-    assert result.verdict.angle < 1e-3
+    ), 2e-4)  # fmt: skip
 
 
 @pytest.mark.parametrize(("name", "why"), [
-    ("millimetres", "80 m long: is it in millimetres"),
-    ("open", "not a closed surface"),
-    ("inside", "inside out"),
+    ("millimetres", "80 m long: is it in millimetres"), ("open", "not a closed surface"),
+    ("inside", "inside out"), ("nowhere", "no file"),
 ])  # fmt: skip
 def test_a_mesh_that_is_no_solid_is_refused(meshes, name, why):
     with pytest.raises(ExperimentError, match=why):
-        assemble(flying(meshes[name]))
+        assemble(flying(meshes.get(name, "nowhere.stl")))
 
 
 def test_what_a_solid_cannot_be_is_said(meshes):
-    with pytest.raises(ExperimentError, match="no file"):
-        assemble(flying("nowhere.stl"))
     near = flying(meshes["box"]).with_changes(goal={"pose": [0.0, 0.0, 0.075, 3.1416, 0.0, 0.0]})
     with pytest.raises(ExperimentError, match="larger than the image"):
         assemble(near)
     with pytest.raises(ExperimentError, match="leave them out"):
         flying(meshes["box"]).with_changes(target={"shape": meshes["box"], "perturbed": True})
-    with pytest.raises(ConfigurationError, match="set the parameter model to a file"):
-        ControllerSettings.from_mapping(
-            {"tracker": "model", "model_start": {"pose": [0] * 6}}).make_tracker()
-    with pytest.raises(ConfigurationError, match="must define the start pose"):
-        ControllerSettings.from_mapping({"tracker": "model", "model": meshes["box"]}).make_tracker()
-    with pytest.raises(ConfigurationError, match="must define the start pose"):
-        ControllerSettings.from_mapping(
-            {"model": meshes["box"]}
-        ).make_tracker()  # it names the tracker
+    for given, why in (
+        ({"tracker": "model", "model_start": {"pose": [0] * 6}}, "set the parameter model to a f"),
+        ({"tracker": "model", "model": meshes["box"]}, "must define the start pose"),
+        ({"model": meshes["box"]}, "must define the start pose"),  # it names the tracker
+    ):
+        with pytest.raises(ConfigurationError, match=why):
+            ControllerSettings.from_mapping(given).make_tracker()
 
 
 def test_a_target_that_is_gone_is_said_to_be_lost(meshes):
@@ -137,10 +130,7 @@ def marked(tmp_path_factory):
 def test_a_marker_on_it_tells_where_it_is_at_first(marked):
     start = {"marker": {"size": 0.8 * MARKED, "pose": [*TAG[0], *TAG[1]]}}
     asked = flying(marked, controller_parameters={"model_start": start})
-    result = run(asked)
-    assert result.converged
-    assert result.verdict.distance < 3e-4
-    assert result.verdict.angle < 1e-3
+    reaches(asked, 3e-4)
     gone = asked.with_changes(target={"shape": str(Path(marked).with_name("plain.obj"))})
     write_obj(Path(gone.target.shape), [(corners_of("box"), 0.6)])
     with pytest.raises(ExperimentError, match="no marker of .* is in view"):
@@ -148,12 +138,6 @@ def test_a_marker_on_it_tells_where_it_is_at_first(marked):
 
 
 # -- solids servoed by silhouette moments, segmented by label, colour and grey level ------------
-
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "camera"))
-
-
-
 ROUND = "gravity_centre_normalised+area_normalised"  # of what has no main axis
 LABEL = {"method": "label"}
 LEVEL = 0.59  # m, of the table's top
@@ -175,30 +159,22 @@ def on_the_table(shape, segmentation, seed=4, **more):
     })  # fmt: skip
 
 
-def test_a_primitive_is_reached_by_its_labels_silhouette():
-    result = run(on_the_table("sphere", LABEL, scheme=ROUND))
-    assert result.outcome.startswith("converged")
-    assert result.verdict.distance < 1.5e-4
-    assert result.verdict.angle < np.radians(0.3)
+RED = {"method": "colour", "colour_low": [170, 100, 30], "colour_high": [10, 255, 255]}
 
 
-def test_a_red_box_is_reached_by_its_colour(tmp_path):
-    path = write_obj(tmp_path / "red.obj", [(corners_of("box"), 0.6)])
-    path.with_suffix(".mtl").write_text("newmtl m0\nKd 0.7 0.1 0.1\n")
-    red = {"method": "colour", "colour_low": [170, 100, 30], "colour_high": [10, 255, 255]}
-    result = run(on_the_table(str(path), red, scheme="moments"))
-    assert result.outcome.startswith("converged")
-    assert result.verdict.distance < 3e-4
-    assert result.verdict.angle < np.radians(0.3)
-
-
-def test_a_flying_camera_with_a_lens_tells_by_label():
-    asked = on_the_table(
-        "box", LABEL, plant="free", features="images", scheme="moments", gain=2.0,
-        camera="calibrated", start={"pose": [0.06, -0.05, LEVEL + 0.37, 3.1, 0.04, 0.4]})
-    result = run(asked)
-    assert result.outcome.startswith("converged")
-    assert result.verdict.distance < 1.5e-4
+@pytest.mark.parametrize(("shape", "segmentation", "given"), [
+    ("sphere", LABEL, {"scheme": ROUND}), ("red", RED, {"scheme": "moments"}),
+    ("box", LABEL, {"plant": "free", "features": "images", "scheme": "moments",
+                    "camera": "calibrated",  # with a lens
+                    "start": {"pose": [0.06, -0.05, LEVEL + 0.37, 3.1, 0.04, 0.4]}}),
+])  # fmt: skip
+def test_a_solid_is_reached_by_its_label_or_its_colour(shape, segmentation, given, tmp_path):
+    if shape == "red":
+        path = write_obj(tmp_path / "red.obj", [(corners_of("box"), 0.6)])
+        path.with_suffix(".mtl").write_text("newmtl m0\nKd 0.7 0.1 0.1\n")
+        shape = str(path)
+    far = 1.5e-4 if segmentation is LABEL else 3e-4
+    reaches(on_the_table(shape, segmentation, **given), far, np.radians(0.3))
 
 
 def test_where_no_plane_fits_it_is_said_before_the_run():
@@ -210,30 +186,24 @@ def test_where_no_plane_fits_it_is_said_before_the_run():
     assemble(tall.with_changes(scheme="pose")).plant.close()
 
 
-def segmented(**segmentation):
-    """Return the changes of an experiment whose target is segmented in this way."""
-    return {"controller_parameters": {"segmentation": segmentation}}
-
-
-@pytest.mark.parametrize(("changes", "why"), [
-    (segmented(method="labels"), "segmentation.method is 'labels': did you mean 'label'"),
-    (segmented(component="mask"), "is for the camera node"),
-    (segmented(method="label", label="targt"), "no link has the label 'targt': did you mean 'targ"),
-    ({"plant": "free", "features": "images", **segmented(method="colour")},
+@pytest.mark.parametrize(("segmentation", "changes", "why"), [
+    ({"method": "labels"}, {}, "segmentation.method is 'labels': did you mean 'label'"),
+    ({"component": "mask"}, {}, "is for the camera node"),
+    ({"method": "label", "label": "targt"}, {}, "no link has the label 'targt': did you mean 'tar"),
+    ({"method": "colour"}, {"plant": "free", "features": "images"},
      "images of plant 'free' are grey"),
-    ({"target": {"shape": "box", "size": [0.1, 0.1], "pose": [0, 0, 0.6, 0, 0, 0]}},
+    (LABEL, {"target": {"shape": "box", "size": [0.1, 0.1], "pose": [0, 0, 0.6, 0, 0, 0]}},
      "must be three lengths, along x, y and z"),
-    ({"target": {"shape": "square", "size": [0.1] * 3, "pose": [0, 0, 0.6, 0, 0, 0]}},
+    (LABEL, {"target": {"shape": "square", "size": [0.1] * 3, "pose": [0, 0, 0.6, 0, 0, 0]}},
      "must be two lengths"),
 ])  # fmt: skip
-def test_what_cannot_be_is_said_in_one_line(changes, why):
+def test_what_cannot_be_is_said_in_one_line(segmentation, changes, why):
+    changes = {"controller_parameters": {"segmentation": segmentation}, **changes}
     with pytest.raises(ExperimentError, match=why):
         assemble(on_the_table("box", LABEL, scheme="moments").with_changes(**changes))
 
 
 # -- a link of a model in a world file as the target --------------------------------------------
-
-
 PLANE = "<geometry><plane><normal>0 0 1</normal></plane></geometry>"
 BOX = "<geometry><box><size>{}</size></box></geometry>"
 LOOKS = "<material><ambient>0.7 0.1 0.1 1</ambient><diffuse>0.7 0.1 0.1 1</diffuse></material>"
@@ -291,20 +261,7 @@ def test_a_crate_of_the_world_that_falls_is_followed(world):
 
 
 def test_its_pose_can_be_tracked(world):
-    result = run(before(world(), scheme="model"))
-    assert result.outcome.startswith("converged")
-    assert result.verdict.distance < 5e-4 and result.verdict.angle < 5e-3
-
-
-def test_a_course_tells_the_last_pose_before_a_time():
-    course, one, other = PoseHistory(), np.eye(4), 2.0 * np.eye(4)
-    assert course.find_pose(1.0) is None
-    course.add(0.5, one)
-    course.add(0.6, one.copy())
-    course.add(0.7, other)
-    assert course.find_pose(0.4) is None
-    assert course.find_pose(0.5) is one and course.find_pose(0.699) is one
-    assert course.find_pose(0.7) is other and course.find_pose(9.0) is other
+    reaches(before(world(), scheme="model"), 5e-4, 5e-3)
 
 
 @pytest.mark.parametrize(("target", "more", "why"), [

@@ -10,13 +10,18 @@ from aras_visual_servo_controller.diagnosis.feature_rows import pack_features
 from aras_visual_servo_controller.diagnosis.target_motion_check import TargetMotionCheck
 from aras_visual_servo_controller.goals.goal import Goal
 
-DT, ROW = 1 / 30, 4 / 30  # s: four images are more than the 0.12 s of a row
+DT = 1 / 30  # s: four images are more than the 0.12 s of a row
 POSE = matrix_from_xyz_rpy((0.3, -0.2, 0.5), (2.9, 0.2, -0.4))
 
 
 def twist(*six):
     """Return a constant twist of the target in the world."""
     return lambda t: np.array(six)
+
+
+def follow(velocity):
+    """The motion (6,) in one image of a camera that keeps up with a velocity (3,) in the world."""
+    return lambda t: DT * np.concatenate([POSE[:3, :3].T @ velocity, np.zeros(3)])
 
 
 STEADY, STILL = twist(0.02, -0.01, 0.005, 0.0, 0.0, 0.0), twist(*[0.0] * 6)
@@ -56,11 +61,13 @@ def watched(images, moves, camera=swaying, count=6, known=0.0, check=None, L=Non
     return said
 
 
-def test_a_steady_target_s_speed_is_told():
-    assert watched(60, STEADY)[-1] == "it moves at 22.9 mm/s"
-    assert watched(60, STEADY, wraps=(20,))[-1] == "it moves at 22.9 mm/s"  # an angle
-    assert watched(60, STEADY, turns=0.5)[-1] == "it moves at 22.9 mm/s"  # seen in turning
-    assert not any(watched(120, STILL))
+@pytest.mark.parametrize("given", [
+    {}, {"wraps": (20,)},  # an angle
+    {"turns": 0.5},  # seen in turning
+])  # fmt: skip
+def test_a_steady_target_s_speed_is_told(given):
+    assert watched(60, STEADY, **given)[-1] == "it moves at 22.9 mm/s"
+    assert not any(watched(120, STILL, **given))
 
 
 def test_a_turn_is_told_by_more_than_two_numbers_an_image():
@@ -81,31 +88,29 @@ def test_a_swing_is_told_with_its_frequency_once_it_was_seen_for_two_and_a_half_
     assert not any("oscillates" in words for words in said[:77])
 
 
-def test_a_target_that_the_camera_follows_moves():
-    """Nothing moves in the picture, and no depth of 0 is to explain that."""
-    def follow(t):
-        return DT * np.concatenate([POSE[:3, :3].T @ [0.02, 0.0, 0.0], np.zeros(3)])
-
-    assert watched(60, twist(0.02, 0, 0, 0, 0, 0), follow)[-1] == "it moves at 20.0 mm/s"
-
-
 @pytest.mark.parametrize("speed", [1e-3, 3e-4])
 def test_a_slow_target_that_the_camera_follows_moves_nothing_in_the_image(speed):
     """Two tolerances a second, and less: it takes some rows together to tell."""
+    # Nothing moves in the picture, and no depth of 0 is to explain that.
+    fast = np.array([0.02, 0.0, 0.0])
+    assert watched(60, twist(*fast, 0, 0, 0), follow(fast))[-1] == "it moves at 20.0 mm/s"
     velocity = np.array([speed, 0.5 * speed, 0.0])
-
-    def following(t):
-        return np.concatenate([POSE[:3, :3].T @ velocity * DT, np.zeros(3)])
-
-    said = watched(200, twist(*velocity, 0, 0, 0), following, noise=0.02)
+    said = watched(200, twist(*velocity, 0, 0, 0), follow(velocity), noise=0.02)
     assert said[-1].startswith(f"it moves at {1e3 * np.linalg.norm(velocity):.1f} mm/s")
     assert not any(watched(200, STILL, lambda t: 0.1 * swaying(t), noise=0.02))
 
 
-def test_one_direction_alone_has_no_place_of_a_target():
-    L = np.zeros((6, 6))
+def test_of_what_is_not_known_nothing_is_told():
+    for unknown in ("motion", "world_T_camera"):
+        assert not any(watched(60, STEADY, **{unknown: None}))
+    L = np.zeros((6, 6))  # one direction alone has no place of a target
     L[:, 0] = [5.0, 4.0, -3.0, 2.0, 1.0, -6.0]
     assert not any(watched(120, twist(0.05, 0.02, 0.0, 0, 0, 0), L=L))
+    # It stood still, long ago, and has moved for the last six seconds.
+    check = TargetMotionCheck()
+    assert not any(watched(120, STILL, check=check))
+    check.interrupt()
+    assert watched(190, STEADY, check=check, begin=4.0)[-1]
 
 
 def test_other_features_and_images_without_any_begin_anew():
@@ -129,18 +134,6 @@ def test_what_has_no_centre_or_no_depth_is_not_judged_by_it():
             assert not check.add(None, image, goal)
 
 
-@pytest.mark.parametrize("unknown", ["motion", "world_T_camera"])
-def test_where_the_camera_s_motion_is_not_known_nothing_is(unknown):
-    assert not any(watched(60, STEADY, **{unknown: None}))
-
-
-def test_what_is_long_ago_is_forgotten():
-    """It stood still, and has moved for the last six seconds."""
-    check = TargetMotionCheck()
-    assert not any(watched(120, STILL, check=check))
-    assert watched(190, STEADY, check=check, begin=4.1)[-1]
-
-
 @pytest.mark.parametrize("scale", [0.7, 1.0, 2.0])
 def test_a_camera_that_sits_turned_is_no_target_that_moves(scale):
     """Though one that moves would look the same while the camera goes straight on."""
@@ -156,9 +149,6 @@ def test_a_target_s_motion_that_the_scheme_knows_is_taken_off(known, said):
 
 def test_a_depth_explains_however_small_a_motion():
     """Of a camera that creeps by a ten-millionth of what it is believed to; none goes back."""
-    ahead = np.concatenate([POSE[:3, :3].T @ STEADY(0.0)[:3], np.zeros(3)])
-    assert not any(watched(60, STEADY, lambda t: -1e-7 * ahead))
-    assert any(watched(60, STEADY, lambda t: 1e-7 * ahead))
-    assert watched(60, STEADY, lambda t: STILL(t))[-1]
-
-
+    ahead = follow(STEADY(0.0)[:3])(0.0) / DT
+    for creep, told in ((-1e-7, False), (1e-7, True), (0.0, True)):
+        assert any(watched(60, STEADY, lambda t, creep=creep: creep * ahead)) is told

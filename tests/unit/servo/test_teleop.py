@@ -36,15 +36,11 @@ from aras_visual_servo_controller.teleop.keyboard import (
 )
 
 
-@pytest.mark.parametrize(
-    ("names", "across", "along"),
-    [
-        (("gantry", "J1", "J2"), "gantry", "J2"),
-        (("shoulder_pan", "shoulder_lift", "elbow"), "shoulder_pan", "shoulder_lift"),
-        (("pan",), "pan", "pan"),
-        (("pan", "tilt"), "pan", "tilt"),
-    ],
-)
+@pytest.mark.parametrize(("names", "across", "along"), [
+    (("gantry", "J1", "J2"), "gantry", "J2"), (("pan",), "pan", "pan"),
+    (("shoulder_pan", "shoulder_lift", "elbow"), "shoulder_pan", "shoulder_lift"),
+    (("pan", "tilt"), "pan", "tilt"),
+])  # fmt: skip
 def test_arrows_step_the_first_joints_of_another_arm(names, across, along):
     assert choose_step_joints(names) == {"across": across, "along": along}
 
@@ -56,23 +52,14 @@ def test_arrows_step_gantry_and_j2():
     np.testing.assert_allclose(command, [0.1, 0.0, 0.05, 0.0, 0.0, 0.0])
     after, told = step_joint("\x1b[B", command, the_limits(), JOINTS)
     assert (after[2], command[2], told) == (0.0, 0.05, "J2 to 0.000")
-    to_the_end = the_limits(upper={"gantry": command[0] + 0.05})
-    assert step_joint("\x1b[C", command, to_the_end, JOINTS)[1] == "gantry to 0.150"
-    to_the_end = the_limits(lower={"gantry": command[0] - 0.05})
-    assert step_joint("\x1b[D", command, to_the_end, JOINTS)[1] == "gantry to 0.050"
-
-
-@pytest.mark.parametrize(("key", "place"), [("\x1b[C", "upper"), ("\x1b[D", "lower")])
-def test_a_step_beyond_the_limit_is_not_taken(key, place):
-    command = np.zeros(6)
-    bound = getattr(the_limits(), place)[0]
-    command[0] = bound - np.sign(bound) * 0.02
-    after, told = step_joint(key, command, the_limits(), JOINTS)
-    np.testing.assert_array_equal(after, command)
-    assert "gantry is at its limit" in told
-    command[0] = bound - np.sign(bound) * 0.051
-    after, told = step_joint(key, command, the_limits(), JOINTS)
-    assert after[0] == pytest.approx(bound - np.sign(bound) * 0.001)
+    for key, side, sign in (("\x1b[C", "upper", 1.0), ("\x1b[D", "lower", -1.0)):
+        for bound, gone, told in ((0.02, 0.0, "gantry is at its limit"),
+                                  (0.05, 0.05, f"gantry to {0.1 + 0.05 * sign:.3f}"),
+                                  (0.051, 0.05, "gantry to")):  # fmt: skip
+            limits = the_limits(**{side: {"gantry": command[0] + sign * bound}})
+            after, words = step_joint(key, command, limits, JOINTS)
+            assert after[0] - command[0] == pytest.approx(sign * gone) and told in words
+            np.testing.assert_array_equal(after[1:], command[1:])
 
 
 class Asked(Jog):
@@ -91,16 +78,14 @@ class Asked(Jog):
         self.heard.append((name, speed_fraction))
 
 
-@pytest.mark.parametrize(("key", "row", "sign"), [
-    ("d", 0, 1), ("a", 0, -1), ("s", 1, 1), ("w", 1, -1), ("r", 2, 1), ("f", 2, -1),
-    ("i", 3, 1), ("k", 3, -1), ("o", 4, 1), ("u", 4, -1), ("l", 5, 1), ("j", 5, -1),
-])  # fmt: skip
-def test_each_key_moves_the_camera_in_its_direction(key, row, sign):
+def test_each_key_moves_the_camera_in_its_direction():
     jog, keys = Asked(), KeyboardState(the_arm().names)
-    assert keys.press(key, jog, 0.0) == (True, "")
-    expected = np.zeros(6)
-    expected[row] = sign * SPEEDS[keys.speed] * MAX_TWIST[row]
-    np.testing.assert_allclose(jog.heard, [expected])
+    for row, pair in enumerate(("da", "sw", "rf", "ik", "ou", "lj")):
+        for key, sign in zip(pair, (1, -1), strict=True):
+            assert keys.press(key, jog, 0.0) == (True, "")
+            expected = sign * SPEEDS[keys.speed] * MAX_TWIST[row] * np.eye(6)[row]
+            np.testing.assert_allclose(jog.heard[-1], expected)
+    assert len(jog.heard) == 12
 
 
 def test_a_chosen_joint_is_moved_and_no_other():
@@ -129,11 +114,7 @@ def test_no_key_means_two_things_and_the_help_names_all():
     assert len(taken) == len(CAMERA_KEYS) + len(keyboard.SIGNS) + 5
     words = set(keyboard.__doc__.replace(",", " ").split())
     assert set(CAMERA_KEYS) | {"+", "-", "<", ">", "h", "q"} <= words
-
-
-def test_a_held_key_and_arrows_are_told_apart():
-    assert split_keys("dd\x1b[Cq") == ["d", "d", "\x1b[C", "q"]
-    assert split_keys("") == []
+    assert split_keys("dd\x1b[Cq") == ["d", "d", "\x1b[C", "q"] and split_keys("") == []
 
 
 def test_keys_are_read_as_they_come_also_such_as_are_no_text(monkeypatch):
@@ -163,57 +144,46 @@ def test_a_terminal_is_as_before_once_its_keys_were_read(monkeypatch):
 def test_a_pad_moves_nothing_until_a_shoulder_button_is_held():
     axes, none = DEADBAND + (1.0 - DEADBAND) * 0.1 * np.arange(1.0, 9.0), [0] * 8
     assert (DEADBAND, SLOW, FAST) == (0.12, 4, 5)
-    assert compute_twist(axes, none) is None
-    assert compute_twist(axes, []) is None and compute_twist(axes, [1] * 4) is None
+    for buttons in (none, [], [1] * 4):
+        assert compute_twist(axes, buttons) is None
     assert compute_twist(axes, [0] * 4 + [1]) is not None
-    slow, fast = list(none), list(none)
-    slow[SLOW], fast[FAST] = 1, 1
+    slow, fast, both = ([int(k in held) for k in range(8)]
+                        for held in ((SLOW,), (FAST,), (SLOW, FAST)))  # fmt: skip
     # left and up: the picture's left and up; nearer; turned to the left
     np.testing.assert_allclose(
         compute_twist(axes, fast), np.array(MAX_TWIST) * [-0.1, -0.2, 0.5, 0.8, -0.7, -0.4])
     np.testing.assert_allclose(compute_twist(axes, slow), 0.3 * compute_twist(axes, fast))
-    slow[FAST] = 1  # of both the faster
-    np.testing.assert_allclose(compute_twist(-axes, slow), -compute_twist(axes, fast))
-
-
-def test_a_stick_near_its_middle_counts_as_none():
-    buttons = [0, 0, 0, 0, 1, 0]
-    assert not compute_twist([0.9 * DEADBAND, -0.9 * DEADBAND, float("nan")], buttons).any()
-    assert abs(compute_twist([1.02 * DEADBAND], buttons)[0]) < 0.03 * MAX_TWIST[0]
-    assert [compute_twist([way], buttons)[0] for way in (5.0, -5.0)] == pytest.approx(
-        [-0.075, 0.075]
-    )
+    np.testing.assert_allclose(compute_twist(-axes, both), -compute_twist(axes, fast))
+    # a stick near its middle counts as none, and one beyond its end as at it
+    assert not compute_twist([0.9 * DEADBAND, -0.9 * DEADBAND, float("nan")], slow).any()
+    assert abs(compute_twist([1.02 * DEADBAND], slow)[0]) < 0.03 * MAX_TWIST[0]
+    assert [compute_twist([way], slow)[0] for way in (5.0, -5.0)] == pytest.approx([-0.075, 0.075])
 
 
 def test_the_kernels_events_are_a_pads_state(tmp_path):
-    path = tmp_path / "js0"
-    path.write_bytes(b"")
+    (path := tmp_path / "js0").write_bytes(b"")
     pad = JoyDevice(path)
     pad.axes, pad.buttons = [0.0] * 8, [0] * 16
     assert (BUTTON, AXIS) == (1, 2)
-    pad.handle_event(EVENT.pack(1, -32767, AXIS | INITIAL, 0))  # the kernel's left is negative
-    pad.handle_event(EVENT.pack(2, 1, BUTTON, SLOW))
-    pad.handle_event(EVENT.pack(3, 1, BUTTON, len(pad.buttons)))
-    pad.handle_event(EVENT.pack(3, 1, AXIS, len(pad.axes)))
-    pad.handle_event(EVENT.pack(3, 1, 0x40, 3))  # an event of a kind to come
-    assert not any(pad.axes[1:])
-    assert pad.axes[0] == 1.0
-    assert pad.buttons[SLOW] == 1
+    for event in ((1, -32767, AXIS | INITIAL, 0),  # the kernel's left is negative
+                  (2, 1, BUTTON, SLOW), (3, 1, BUTTON, 16), (3, 1, AXIS, 8),
+                  (3, 1, 0x40, 3)):  # an event of a kind to come
+        pad.handle_event(EVENT.pack(*event))
+    assert pad.axes == [1.0] + [0.0] * 7 and pad.buttons[SLOW] == 1
     pad.handle_event(EVENT.pack(4, 0, BUTTON, SLOW))
     assert not any(pad.buttons)
 
 
 def test_a_pad_that_is_unplugged_asks_for_nothing(tmp_path):
-    path = tmp_path / "js0"
-    os.mkfifo(path)
+    os.mkfifo(path := tmp_path / "js0")
     cable = os.open(path, os.O_RDWR)
     pad = JoyDevice(path)
-    assert (pad.axes, pad.buttons) == ([0.0] * 8, [0] * 16)
+    rest = [0.0] * 8, [0] * 16
+    assert (pad.axes, pad.buttons) == rest
     os.write(cable, EVENT.pack(1, -32767, AXIS, 0) + EVENT.pack(2, 1, BUTTON, FAST))
     _wait(lambda: compute_twist(pad.axes, pad.buttons) is not None)
     os.close(cable)
-    _wait(lambda: not any(pad.buttons) and not any(pad.axes))
-    assert (pad.axes, pad.buttons) == ([0.0] * 8, [0] * 16)
+    _wait(lambda: (pad.axes, pad.buttons) == rest)
     assert compute_twist(pad.axes, pad.buttons) is None
 
 

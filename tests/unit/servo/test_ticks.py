@@ -52,43 +52,25 @@ def implausible(bench):
     bench.step(60)
 
 
-def gap(bench):
-    bench.step(91)
-    bench.joints = False
-    bench.step(40)
-    bench.joints = True
-    bench.step(60)
+def without(*names, count, begin=91):
+    """Steps of which some do without joint states, images or commands that arrive."""
+    def play(bench):
+        bench.step(begin)
+        kept = {name: getattr(bench, name) for name in names}
+        for name in names:
+            lost = lambda command: bench.sent.append((bench.t, command))  # noqa: E731
+            setattr(bench, name, lost if name == "send" else False)
+        bench.step(count)
+        for name, value in kept.items():
+            setattr(bench, name, value)
+        bench.step(60)
 
-
-def starved(bench):
-    bench.step(91)
-    bench.images = False
-    bench.step(60)
-    bench.images = True
-    bench.step(60)
-
-
-def stuck(bench):
-    """Joints that hear no commands; all wait for them."""
-    bench.step(20)
-    send, bench.send = bench.send, lambda command: bench.sent.append((bench.t, command))
-    bench.step(60)
-    bench.send = send
-    bench.step(60)
+    return play
 
 
 def late(bench):
     bench.step(60)
     bench.step(3, stamp=bench.t)
-    bench.step(60)
-
-
-def seldom(bench):
-    """Joint states come 0.16 s apart, and a step is 0.1 s at most."""
-    bench.step(61)
-    bench.joints = bench.images = bench.is_watched = False
-    bench.step(13)
-    bench.joints = bench.images = bench.is_watched = True
     bench.step(60)
 
 
@@ -101,8 +83,11 @@ CASES = {
     "drawn aside": (lambda bench: bench.step(60), {
         "scheme": "gravity_centre", "max_acceleration": 1.0, "posture": {"J2": 0.3, "J3": -0.1}}),
     "short lead": (lambda bench: bench.step(200), {"lead": 0.003, "lag": 0.01}),
-    "jump": (jump, {}), "implausible": (implausible, {}), "gap": (gap, {}),
-    "starved": (starved, {}), "seldom": (seldom, {}), "stuck": (stuck, {}), "late": (late, {}),
+    "jump": (jump, {}), "implausible": (implausible, {}), "late": (late, {}),
+    "gap": (without("joints", count=40), {}), "starved": (without("images", count=60), {}),
+    # Joint states come 0.16 s apart, and a step is 0.1 s at most.
+    "seldom": (without("joints", "images", "is_watched", count=13), {}),
+    "stuck": (without("send", count=60, begin=20), {}),  # all wait for joints that hear nothing
 }  # fmt: skip
 
 

@@ -10,16 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from aras_visual_servo_base.poses import exponential, pose_difference
-from aras_visual_servo_camera.camera_model import CameraModel
-from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller import CameraModel, Goal, JointSample, Moments, Servo, Task
 from aras_visual_servo_controller.kinematics import Arm, CommandLimits, DifferentialIK, PostureTask
 from aras_visual_servo_controller.kinematics.elbow import find_elbows
 from aras_visual_servo_controller.kinematics.ik_solution import IKSolution
-from aras_visual_servo_controller.kinematics.joint_sample import JointSample
-from aras_visual_servo_controller.kinematics.task import Task
 from aras_visual_servo_controller.laws import Law, Proportional
-from aras_visual_servo_controller.loop.servo import Servo
 from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
 from aras_visual_servo_controller.observation.observation import Observation
 from aras_visual_servo_controller.records.state import JointCommand, ServoSettings, ServoState

@@ -6,34 +6,22 @@ from loop_rig import TolerantScheme, a_solution, an_output, scaled
 from scipy.spatial.transform import Rotation
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
-from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_controller import CameraModel, Goal, Moments, Observation
+from aras_visual_servo_controller.diagnosis import (
+    camera_offset,
+    offset_statistics,
+    pose_uncertainty,
+    view_check,
+)
 from aras_visual_servo_controller.diagnosis.arrival_check import ArrivalCheck
-from aras_visual_servo_controller.diagnosis.camera_offset import (
-    PoseOffsets,
-    compute_mean_offset,
-    compute_speed,
-)
 from aras_visual_servo_controller.diagnosis.goal_plane import GoalPlane
-from aras_visual_servo_controller.diagnosis.offset_statistics import (
-    compute_confidence_length,
-    compute_unexplained_ratio,
-)
-from aras_visual_servo_controller.diagnosis.pose_uncertainty import (
-    ArrivalMargin,
-    bound_symmetry,
-    split_directions,
-)
-from aras_visual_servo_controller.diagnosis.view_check import (
-    SECOND_ORDER_TOLERANCE,
-    THIRD_ORDER_TOLERANCE,
-    ViewCheck,
-)
-from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.kinematics.held_directions import compute_held_directions
-from aras_visual_servo_controller.observation.observation import Observation
 
+compute_speed = camera_offset.compute_speed
+confidence_length = offset_statistics.compute_confidence_length
+bound_symmetry = pose_uncertainty.bound_symmetry
+THIRD = view_check.THIRD_ORDER_TOLERANCE
 DEEP = Goal(depth=0.2)
 
 
@@ -187,11 +175,11 @@ def test_noise_is_averaged_over_all_images_of_the_arrival_and_a_motion_over_the_
     random, stamps = np.random.default_rng(5), 0.03 * np.arange(40)
     rows = np.hstack([1e-5 * random.normal(size=(40, 6)), np.tile(np.eye(4).ravel(), (40, 1))])
     for settled, count in ((3, 3), (5, 5), (16, 16), (40, 40)):
-        found, short = compute_mean_offset(stamps, rows, np.eye(6), settled, False)
+        found, short = camera_offset.compute_mean_offset(stamps, rows, np.eye(6), settled, False)
         assert not short and found.count == count
         np.testing.assert_allclose(found.mean, rows[-count:, :6].mean(axis=0))
     rows[:20, :6] += 3e-4  # before, it was elsewhere, and kinematics do not say so
-    found, short = compute_mean_offset(stamps, rows, np.eye(6), 40, False)
+    found, short = camera_offset.compute_mean_offset(stamps, rows, np.eye(6), 40, False)
     assert not short and found.count < 20
 
 
@@ -263,9 +251,9 @@ def test_no_more_than_three_of_a_thousand_are_longer(seed):
     spread = random.normal(size=(3, 3)) * ([1.0, 0.02, 0.01], 1.0, [1.0, 1.0, 0.1])[seed]
     mean = random.normal(size=3) * (0.0, 1.0, 20.0)[seed]
     drawn = np.linalg.norm(mean + random.normal(size=(400_000, 3)) @ spread.T, axis=1)
-    bound = compute_confidence_length(mean, spread @ spread.T)
+    bound = confidence_length(mean, spread @ spread.T)
     assert 0.002 < (drawn > bound).mean() < 0.004
-    assert compute_confidence_length(mean, np.zeros((3, 3))) == pytest.approx(np.linalg.norm(mean))
+    assert confidence_length(mean, np.zeros((3, 3))) == pytest.approx(np.linalg.norm(mean))
 
 
 @pytest.mark.parametrize(("rows", "modelled", "joints"), [
@@ -282,8 +270,9 @@ def test_what_is_left_open_is_what_the_inverse_of_L_makes_of_it(seed, rows, mode
     L = random.normal(size=(rows, 6)) * [1e3, 1e3, 1e3, 700.0, 700.0, 700.0]
     error, accuracy = 0.3 * random.normal(size=rows), 0.02 * random.normal(size=(rows, 5))
     accuracy = None if seed == 2 else accuracy
-    offsets = PoseOffsets(1e-4 * random.normal(size=6), np.cov(1e-4 * random.normal(size=(6, 20))),
-                      1 + 4 * seed, (2e-3, 5e-3))  # fmt: skip
+    offsets = camera_offset.PoseOffsets(
+        1e-4 * random.normal(size=6), np.cov(1e-4 * random.normal(size=(6, 20))), 1 + 4 * seed,
+        (2e-3, 5e-3))
     pose = goal.world_T_camera @ matrix_from_xyz_rpy(
         1e-4 * random.normal(size=3), 3e-3 * random.normal(size=3))  # fmt: skip
     here = Observation(0.0, 0.1, True, "", camera, world_T_camera=pose)
@@ -291,8 +280,8 @@ def test_what_is_left_open_is_what_the_inverse_of_L_makes_of_it(seed, rows, mode
     modelled = np.arange(6) < modelled
     other = 2.0 * error
     decision = an_output(error, L, modelled, residual=error if seed else None)
-    held_offset, directions = split_directions(here, goal, modelled, arm)
-    left = ArrivalMargin(
+    held_offset, directions = pose_uncertainty.split_directions(here, goal, modelled, arm)
+    left = pose_uncertainty.ArrivalMargin(
         decision, GoalPlane(goal, camera), directions, other if seed else error, accuracy,
         np.zeros(len(error)), np.zeros((6, 6)),
     ).bound_uncertainty(here, held_offset, offsets, np.zeros(6), ())  # fmt: skip
@@ -328,13 +317,13 @@ def test_what_is_left_open_is_what_the_inverse_of_L_makes_of_it(seed, rows, mode
     known = factors * offsets.mean + held - inverse @ L @ held
     covariance = part * offsets.scatter + spread
     assert left.distance == pytest.approx(
-        compute_confidence_length(known[:3], covariance[:3, :3].copy())
+        confidence_length(known[:3], covariance[:3, :3].copy())
         + 5e-5 * depth
         + 0.06 * 2e-3,
         rel=1e-6,
     )
     assert left.angle == pytest.approx(
-        compute_confidence_length(known[3:], covariance[3:, 3:].copy()) + 1e-4 + 0.06 * 5e-3,
+        confidence_length(known[3:], covariance[3:, 3:].copy()) + 1e-4 + 0.06 * 5e-3,
         rel=1e-6,
     )
     tenths = np.ceil(1e4 * left.distance) / 10.0, np.ceil(10.0 * np.degrees(left.angle)) / 10.0
@@ -420,7 +409,8 @@ def test_accuracy_is_asked_for_again_as_the_features_come_nearer_to_their_goals(
 @pytest.mark.parametrize(("weak", "times"), [(0.9e-6, 5.0 / np.sqrt(2.0)), (1.1e-6, 0.0)])
 def test_a_direction_that_changes_less_than_a_millionth_explains_nothing(weak, times):
     L, error = 1e3 * np.diag([1.0, weak]), np.array([0.3, -0.2])
-    assert compute_unexplained_ratio(L, error, 0.04 * np.eye(2)) == pytest.approx(times)
+    found = offset_statistics.compute_unexplained_ratio(L, error, 0.04 * np.eye(2))
+    assert found == pytest.approx(times)
 
 
 def test_a_direction_that_nothing_measures_is_left_open():
@@ -499,7 +489,7 @@ def of(corners):
 
 
 def alike(seen, wanted, is_turned=False):
-    check = ViewCheck(Goal(moments=wanted))
+    check = view_check.ViewCheck(Goal(moments=wanted))
     for stamp in range(3):
         check.add(Observation(stamp, 1.0, True, "", None, moments=seen))
     return not check.has_other_shape(is_turned)
@@ -518,10 +508,10 @@ def test_another_view_is_told_by_each_moment_of_second_and_third_order(order, j,
     """The bound is a part of the goal's greatest, whichever it is and whatever its sign."""
     turned = of(CORNERS @ np.array([[0.6, -0.8], [0.8, 0.6]]) * [1.0, 4.0])
     for wanted, distance in ((of(CORNERS), 0.5), (turned, 1.0)):
-        bound = THIRD_ORDER_TOLERANCE
+        bound = THIRD
         if order == 2:
             second = [wanted.mu(2 - k, k) for k in range(3)]
-            bound = SECOND_ORDER_TOLERANCE * np.abs(second).max() / wanted.m00**2
+            bound = view_check.SECOND_ORDER_TOLERANCE * np.abs(second).max() / wanted.m00**2
         here = scaled(wanted, distance)
         assert not alike(shaped(here, order, j, sign * 1.05 * bound), wanted)
         assert alike(shaped(here, order, j, sign * 0.95 * bound), wanted)
@@ -537,13 +527,13 @@ def test_views_that_cannot_be_compared_are_not_judged_and_half_a_turn_changes_th
     assert not alike(turned, wanted) and alike(turned, wanted, is_turned=True)
     assert alike(wanted, wanted, is_turned=True)
     for seen in (wanted, turned):
-        assert not alike(shaped(seen, 3, 1, 1.2 * THIRD_ORDER_TOLERANCE), wanted, is_turned=True)
+        assert not alike(shaped(seen, 3, 1, 1.2 * THIRD), wanted, is_turned=True)
 
 
 def test_a_known_offset_explains_where_the_target_is_seen():
     """A camera that is 1 cm aside of its goal at 0.5 m, or as far off along a held direction."""
     goal = Goal(depth=0.5, moments=of(CORNERS))
-    check, offset = ViewCheck(goal), np.array([0.01, 0.0, 0.0, 0.0, 0.0, 0.0])
+    check, offset = view_check.ViewCheck(goal), np.array([0.01, 0.0, 0.0, 0.0, 0.0, 0.0])
     seen = of(CORNERS - [0.02, 0.0])
     for stamp in range(3):
         check.add(Observation(stamp, 1.0, True, "", None, moments=seen))
@@ -563,13 +553,13 @@ def test_a_known_offset_explains_where_the_target_is_seen():
 def test_another_view_is_believed_from_the_third_image_and_beyond_noise():
     wanted, other = of(CORNERS), of(CORNERS * [1.0, 0.2])
     goal = Goal(depth=0.5, moments=wanted)
-    noise = [shaped(wanted, 3, 1, sign * 3.0 * THIRD_ORDER_TOLERANCE) for sign in (1.0, -1.0)]
+    noise = [shaped(wanted, 3, 1, sign * 3.0 * THIRD) for sign in (1.0, -1.0)]
     for seen, expected in (
         ((other, other, other, other), [False, False, True, True]),
         ((other, other, wanted), [False] * 3),
         (noise * 3, [False] * 6),
-        ((shaped(wanted, 3, 1, 1.2 * THIRD_ORDER_TOLERANCE),) * 3, [False, False, True]),
-        ((shaped(wanted, 3, 1, -1.2 * THIRD_ORDER_TOLERANCE),) * 3, [False, False, True]),
+        ((shaped(wanted, 3, 1, 1.2 * THIRD),) * 3, [False, False, True]),
+        ((shaped(wanted, 3, 1, -1.2 * THIRD),) * 3, [False, False, True]),
     ):
         arrival = Watched(0.0, goal)
         said = [
@@ -589,7 +579,7 @@ def test_another_view_is_believed_from_the_third_image_and_beyond_noise():
         assert bool(arrival.last.wrong_pose_reason) is expected
     # a direction that nothing measures may be why
     blind = np.diag([1e3, 1e3, 1e3, 573.0, 573.0, 0.0])
-    shape = shaped(wanted, 3, 1, 1.2 * THIRD_ORDER_TOLERANCE)
+    shape = shaped(wanted, 3, 1, 1.2 * THIRD)
     assert not of_camera([np.zeros(6)] * 6, blind, goal=goal, moments=shape).last.wrong_pose_reason
     # it is smaller
     assert of_camera([np.zeros(6)] * 6, blind, goal=goal, moments=other).last.wrong_pose_reason

@@ -5,9 +5,8 @@ import pytest
 from loop_rig import an_image, scaled
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
-from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_controller import CameraModel, Goal, Moments, Observation, create_scheme
 from aras_visual_servo_controller.diagnosis.ambiguous_poses import AmbiguousPoses
 from aras_visual_servo_controller.diagnosis.area_check import AreaCheck, predict_distance
 from aras_visual_servo_controller.diagnosis.diagnoses.wrong_object import ShapeCheck
@@ -17,10 +16,7 @@ from aras_visual_servo_controller.diagnosis.joint_tracking_check import JointTra
 from aras_visual_servo_controller.diagnosis.oscillation_check import OscillationCheck
 from aras_visual_servo_controller.diagnosis.step_check import StepCheck
 from aras_visual_servo_controller.diagnosis.vector_history import VectorHistory
-from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws import Proportional
-from aras_visual_servo_controller.observation.observation import Observation
-from aras_visual_servo_controller.schemes import create_scheme
 
 
 # -- does it ring? -------------------------------------------------------------------------------

@@ -6,10 +6,7 @@ from loop_rig import PACKAGE, URDF
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy, pose_difference
 from aras_visual_servo_base.stamp_synchronizer import StampSynchronizer
-from aras_visual_servo_camera.camera_model import CameraModel
-from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.kinematics.joint_sample import JointSample
+from aras_visual_servo_controller import CameraModel, Goal, JointSample, Moments
 from aras_visual_servo_controller.observation.joint_history import MAX_AGE, JointHistory
 from aras_visual_servo_controller.records.outcomes import REMEDIES
 from aras_visual_servo_controller.records.state import ImageSource

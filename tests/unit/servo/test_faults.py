@@ -7,15 +7,13 @@ import numpy as np
 import pytest
 from loop_rig import CAMERA, STARTS, TICK, Rig, the_limits, the_servo
 
+from aras_visual_servo_controller import Feature, JointSample, Task
 from aras_visual_servo_controller.errors import (
     ConfigurationError,
     InvalidTaskError,
     MeasurementError,
     SchemeError,
 )
-from aras_visual_servo_controller.features import Feature
-from aras_visual_servo_controller.kinematics.joint_sample import JointSample
-from aras_visual_servo_controller.kinematics.task import Task
 from aras_visual_servo_controller.laws import Law, Proportional
 from aras_visual_servo_controller.records.outcomes import REMEDIES
 from aras_visual_servo_controller.records.state import HOLDING, SERVOING

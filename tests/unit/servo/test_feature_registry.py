@@ -7,13 +7,10 @@ import numpy as np
 import pytest
 from feature_scenes import CAMERA, CORNERS, GOAL, PERIODS, TARGETS, VALUES, VIEWS, look, moved
 
-from aras_visual_servo_camera.camera_model import CameraModel
+from aras_visual_servo_controller import CameraModel, FeatureObserver, Goal, Need
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
 from aras_visual_servo_controller.features import FEATURES, Feature, base, moment_features, points
-from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws.pi import ProportionalIntegral
-from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
-from aras_visual_servo_controller.observation.observation import Need
 from aras_visual_servo_controller.schemes import FeatureScheme, create_scheme
 from aras_visual_servo_controller.schemes import base as schemes
 

@@ -8,20 +8,16 @@ import pytest
 from feature_scenes import moved
 from free_camera import pose
 
-from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.kernel import DELTA_X, DELTA_Y, compute_outline_kernel_features
-from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_controller import CameraModel, Goal, Moments, Need, RemoteCameraFeature
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError, SchemeError
 from aras_visual_servo_controller.features import FEATURES, Feature, FeatureMeasurement, Stack
 from aras_visual_servo_controller.features.base import wrap
 from aras_visual_servo_controller.features.moments import compute_displacement_moments
 from aras_visual_servo_controller.features.points import PointFeature, compute_inverse_depth
-from aras_visual_servo_controller.features.remote_camera_feature import RemoteCameraFeature
-from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws import Proportional
 from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
-from aras_visual_servo_controller.observation.observation import Need
 from aras_visual_servo_controller.schemes import FeatureScheme, create_scheme
 
 CAMERA = CameraModel(320, 240, (200.0, 0, 158.3, 0, 201.0, 121.6, 0, 0, 1))

@@ -14,23 +14,17 @@ from aras_visual_servo_camera.errors import TrackingModelError
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.kernel import compute_outline_kernel_features
 from aras_visual_servo_camera.moments import Moments, Pinhole
+from aras_visual_servo_controller import Arm, FeatureObserver, Goal, JointSample, Points
 from aras_visual_servo_controller.errors import (
     ConfigurationError,
     ServoError,
     UnreachableError,
 )
-from aras_visual_servo_controller.features.points import Points
-from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.goals.goal_file import GoalKernel
-from aras_visual_servo_controller.kinematics import Arm
-from aras_visual_servo_controller.kinematics.joint_sample import JointSample
-from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
-from aras_visual_servo_controller.observation.target_geometry import (
-    TargetGeometry,
-    convex_hull,
-    unite_star_shapes,
-)
+from aras_visual_servo_controller.observation import target_geometry
 from aras_visual_servo_controller.schemes import create_scheme
+
+TargetGeometry = target_geometry.TargetGeometry
 
 
 def mapping(**changes):
@@ -330,21 +324,21 @@ def area(polygon):
 
 def test_hulls_and_unions_of_polygons():
     grid = [(0.5 * i, 0.25 * j) for i in range(4) for j in range(3)]
-    hull = convex_hull(np.array(grid)[::-1])  # no corners within its sides
+    hull = target_geometry.convex_hull(np.array(grid)[::-1])  # no corners within its sides
     assert sorted(map(tuple, hull)) == [(0.0, 0.0), (0.0, 0.5), (1.5, 0.0), (1.5, 0.5)]
     assert area(hull) == 0.75
     # A cross, whose edges cross eight times, and a corner that sticks into a rectangle.
     wide = np.array([[-3.0, -1], [3, -1], [3, 1], [-3, 1]])
     tall = np.array([[-0.5, -2.0], [1, -2], [1, 2.5], [-0.5, 2.5]])
-    cross = unite_star_shapes(wide, tall)
+    cross = target_geometry.unite_star_shapes(wide, tall)
     assert len(cross) == 12 and area(cross) == pytest.approx(12.0 + 1.5 * 4.5 - 1.5 * 2.0)
     inner = {(x, y) for x in (-0.5, 1.0) for y in (-1.0, 1.0)}
     assert {tuple(p) for p in cross.round(9)} == inner | {
         tuple(p) for p in np.vstack([wide, tall])}
-    corner = unite_star_shapes(wide, np.array([[2.0, 0], [4, 0], [4, 3], [2, 3]]))
+    corner = target_geometry.unite_star_shapes(wide, np.array([[2.0, 0], [4, 0], [4, 3], [2, 3]]))
     assert len(corner) == 8 and area(corner) == pytest.approx(12.0 + 6.0 - 1.0)
     with pytest.raises(ServoError, match="do not overlap"):
-        unite_star_shapes(wide, tall + [9.0, 0.0])
+        target_geometry.unite_star_shapes(wide, tall + [9.0, 0.0])
 
 
 def test_a_goal_file_that_has_changed_is_read_again(tmp_path):

@@ -11,14 +11,10 @@ from loop_rig import an_image
 from scipy.fft import dctn
 from scipy.spatial.transform import Rotation
 
-from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_controller import FEATURES, CameraModel, FeatureObserver, Goal, Need
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
-from aras_visual_servo_controller.features import FEATURES
 from aras_visual_servo_controller.features.luminance import BORDER, get_grey_image, square_root
-from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
-from aras_visual_servo_controller.observation.observation import Need
 from aras_visual_servo_controller.schemes import FeatureScheme
 
 PINHOLE = CameraModel(160, 120, (180.0, 0, 79.5, 0, 180.0, 59.5, 0, 0, 1))

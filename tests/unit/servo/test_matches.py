@@ -10,12 +10,9 @@ from free_camera import pose
 from aras_visual_servo_base.poses import inverse, rotation_vector
 from aras_visual_servo_bench.targets.rendering import render_target
 from aras_visual_servo_bench.targets.target_factory import make_target
-from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_controller import FEATURES, CameraModel, FeatureObserver, Goal
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
-from aras_visual_servo_controller.features import FEATURES
-from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
 from aras_visual_servo_controller.schemes import FeatureScheme
 
 CAMERA = CameraModel(320, 240, (300.0, 0, 159.5, 0, 300.0, 119.5, 0, 0, 1))

@@ -6,21 +6,17 @@ import pytest
 from loop_rig import CAMERA, STARTS, lost, the_arm, the_goal
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
-from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.contour import CORNER_ACCURACY
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.intersection_accuracy import compute_rms_deviation
-from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.segmentation_settings import SegmentationSettings
 from aras_visual_servo_camera.trackers import TrackedPoints, Tracker
-from aras_visual_servo_controller.errors import MeasurementError
-from aras_visual_servo_controller.kinematics.joint_sample import JointSample
+from aras_visual_servo_controller import CameraModel, JointSample, MeasurementError, Moments, Need
 from aras_visual_servo_controller.observation.feature_observer import (
     FeatureObserver,
     explain_implausible,
 )
-from aras_visual_servo_controller.observation.observation import Need
 
 ALL = frozenset(Need)
 

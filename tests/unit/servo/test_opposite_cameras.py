@@ -7,19 +7,10 @@ import pytest
 from loop_rig import the_goal
 
 from aras_visual_servo_base.poses import logarithm, relative_pose
-from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_controller import Arm, CameraModel, FeatureObserver, Goal, JointSample, Need
 from aras_visual_servo_controller.errors import ConfigurationError
-from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.kinematics import Arm
-from aras_visual_servo_controller.kinematics.joint_sample import JointSample
-from aras_visual_servo_controller.observation.camera_rig import (
-    CameraRig,
-    InverseCameraKinematics,
-    make_camera_kinematics,
-)
-from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
-from aras_visual_servo_controller.observation.observation import Need
+from aras_visual_servo_controller.observation import camera_rig
 from aras_visual_servo_controller.settings import ControllerSettings
 
 # A slide, two unlike turns, and frames that lean: the wall camera stands, the palm's is in the
@@ -55,13 +46,13 @@ FAR = Plane(0.1, -0.2, 2.0)
 
 
 def rig(control, other, moved_by):
-    return CameraRig([FeatureObserver(control, frozenset({Need.CORNERS}), name="first"),
+    return camera_rig.CameraRig([FeatureObserver(control, frozenset({Need.CORNERS}), name="first"),
                 FeatureObserver(moved_by, frozenset({Need.CORNERS}), name="second",
                          compute_plane=lambda pose: FAR)])  # fmt: skip
 
 
 def together(control, other, q):
-    moved_by = make_camera_kinematics(ROBOT, control, other, "second")
+    moved_by = camera_rig.make_camera_kinematics(ROBOT, control, other, "second")
     made, joints = rig(control, other, moved_by), JointSample.from_values(1.0, PALM.names, q)
     first, second = (observer.observe_exact_features(1.0, CAMERA, joints, contour=SQUARE)
                      for observer in made.observers.values())  # fmt: skip
@@ -74,8 +65,8 @@ def test_its_pose_is_before_its_own_target_and_it_stands_before_the_controls(con
     twist, own = control.jacobian(Q), other.jacobian(Q)
     np.testing.assert_allclose(seen.twist_from_control @ twist, own, atol=1e-12)
     assert np.abs(own).max() > 0.3  # there is a motion to speak of
-    moved_by = make_camera_kinematics(ROBOT, control, other, "second")
-    assert isinstance(moved_by, InverseCameraKinematics)
+    moved_by = camera_rig.make_camera_kinematics(ROBOT, control, other, "second")
+    assert isinstance(moved_by, camera_rig.InverseCameraKinematics)
     for q in (Q, -2.0 * Q):
         np.testing.assert_allclose(moved_by.pose(q), other.pose(q), atol=1e-12)
         world_T_plate = Arm.from_urdf(ROBOT, "plate").pose(q)
@@ -85,7 +76,7 @@ def test_its_pose_is_before_its_own_target_and_it_stands_before_the_controls(con
 
 
 def test_what_it_has_moved_since_its_exposure_is_its_own_motion():
-    bound = rig(PALM, WALL, make_camera_kinematics(ROBOT, PALM, WALL, "second"))
+    bound = rig(PALM, WALL, camera_rig.make_camera_kinematics(ROBOT, PALM, WALL, "second"))
     then = Q - [0.01, 0.02, -0.03]
     second, first = (
         observer.observe_exact_features(
@@ -104,7 +95,7 @@ def test_a_goal_keeps_each_cameras_own_plane():
     known = replace(goal, target=the_goal("2016").target)
     for control, other, names in ((PALM, WALL, ["first", "second"]),
                                   (WALL, PALM, ["second", "first"])):  # fmt: skip
-        moved_by = make_camera_kinematics(ROBOT, control, other, names[1])
+        moved_by = camera_rig.make_camera_kinematics(ROBOT, control, other, names[1])
         fitted = known.for_cameras(dict(zip(names, (control, moved_by), strict=True)))
         assert list(fitted.cameras) == names and fitted.target is known.target
         np.testing.assert_allclose(fitted.world_T_camera, control.pose(Q), atol=1e-12)
@@ -135,7 +126,7 @@ def test_a_nodes_cameras_say_which_link_carries_what_they_look_at(first):
     assert arm.target_frame == links[first]
     ((name, moved_by),) = asked.make_other_cameras(ROBOT, arm).items()
     assert name == {"palm": "wall", "wall": "palm"}[first]
-    assert isinstance(moved_by, InverseCameraKinematics)
+    assert isinstance(moved_by, camera_rig.InverseCameraKinematics)
     np.testing.assert_allclose(moved_by.pose(Q), {"palm": PALM, "wall": WALL}[name].pose(Q))
     # A camera without a link of its own has that of all.
     assert {name: asked.get_camera(name).target_frame for name in links} == links
@@ -151,4 +142,4 @@ def test_a_nodes_cameras_say_which_link_carries_what_they_look_at(first):
 def test_what_cannot_be_is_said(control, frame, link, words):
     other = Arm.from_urdf(ROBOT, frame, target_frame=link)
     with pytest.raises(ConfigurationError, match=words):
-        make_camera_kinematics(ROBOT, control, other, "second")
+        camera_rig.make_camera_kinematics(ROBOT, control, other, "second")

@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from aras_visual_servo_camera.trackers import TRACKERS
-from aras_visual_servo_controller.errors import ConfigurationError
+from aras_visual_servo_controller import ConfigurationError, Need
 from aras_visual_servo_controller.goals.starts import find_start_joints
 from aras_visual_servo_controller.kinematics import (
     Arm,
@@ -20,7 +20,6 @@ from aras_visual_servo_controller.kinematics import (
     PostureTask,
     SingularityAvoidance,
 )
-from aras_visual_servo_controller.observation.observation import Need
 from aras_visual_servo_controller.records.state import ServoSettings
 from aras_visual_servo_controller.settings import ControllerSettings
 

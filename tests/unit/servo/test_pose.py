@@ -7,11 +7,9 @@ from free_camera import pose
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
-from aras_visual_servo_controller.features import FEATURES
+from aras_visual_servo_controller import FEATURES, ConfigurationError, Goal, MeasurementError
 from aras_visual_servo_controller.features import pose as features
 from aras_visual_servo_controller.features.pose import estimate_planar_pose
-from aras_visual_servo_controller.goals.goal import Goal
 
 
 def offsets(pose, there, points):

@@ -6,11 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from aras_visual_servo_controller import SchemeOutput, Task
 from aras_visual_servo_controller.diagnosis.progress_check import ProgressCheck
 from aras_visual_servo_controller.kinematics.ik_solution import IKSolution
-from aras_visual_servo_controller.kinematics.task import Task
 from aras_visual_servo_controller.records.state import SERVOING, ServoState
-from aras_visual_servo_controller.schemes.base import SchemeOutput
 
 TOLERANCES = np.array([2e-3, 1e-3])
 TWIST = np.array([0.002, 0.0, 0.0, 0.006, 0.008, 0.0])

@@ -16,17 +16,13 @@ from aras_visual_servo_bench.plants.free_camera_kinematics import (
     FreeCameraKinematics,
 )
 from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_controller import Goal, JointSample, Need, Points, RemoteCameraFeature
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
 from aras_visual_servo_controller.features import Feature, FeatureMeasurement, Stack
-from aras_visual_servo_controller.features.points import Points
-from aras_visual_servo_controller.features.remote_camera_feature import RemoteCameraFeature
 from aras_visual_servo_controller.features.stereo import estimate_rigid_motion, triangulate
-from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 from aras_visual_servo_controller.loop import teaching
 from aras_visual_servo_controller.observation.camera_rig import CameraRig, FixedCameraKinematics
 from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
-from aras_visual_servo_controller.observation.observation import Need
 from aras_visual_servo_controller.schemes import FeatureScheme, create_scheme
 from aras_visual_servo_controller.settings import ControllerSettings
 

@@ -7,12 +7,9 @@ import pytest
 from feature_scenes import CAMERA, CORNERS, GOAL, look, moved
 from free_camera import pose
 
-from aras_visual_servo_camera.camera_model import CameraModel
-from aras_visual_servo_controller.errors import MeasurementError
+from aras_visual_servo_controller import CameraModel, FeatureObserver, Goal, MeasurementError
 from aras_visual_servo_controller.features.corners import NumberedPoints
-from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws import Law, Proportional
-from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
 from aras_visual_servo_controller.schemes import create_scheme
 from aras_visual_servo_controller.schemes.partitioned import Partitioned
 

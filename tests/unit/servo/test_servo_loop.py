@@ -17,29 +17,15 @@ from loop_rig import (
     the_servo,
 )
 
-from aras_visual_servo_controller.errors import ConfigurationError
+from aras_visual_servo_controller import ConfigurationError, Goal, JointSample, Task
 from aras_visual_servo_controller.features.moments import ImageMoments
-from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.kinematics import CommandLimits, DifferentialIK
-from aras_visual_servo_controller.kinematics.joint_sample import JointSample
-from aras_visual_servo_controller.kinematics.task import Task
 from aras_visual_servo_controller.laws.proportional import Proportional
 from aras_visual_servo_controller.loop.command_integrator import CommandIntegrator
 from aras_visual_servo_controller.loop.start_approach import StartApproach
 from aras_visual_servo_controller.loop.task_executor import TaskExecutor
 from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
-from aras_visual_servo_controller.records.state import (
-    APPROACHING,
-    CONVERGED,
-    HOLDING,
-    SERVOING,
-    STOPPED,
-    WAITING,
-    ImageSource,
-    JointCommand,
-    ServoSettings,
-    ServoState,
-)
+from aras_visual_servo_controller.records.state import JointCommand, ServoSettings, ServoState
 from aras_visual_servo_controller.schemes import FeatureScheme, JointController
 
 
@@ -64,7 +50,7 @@ WIDE = CommandLimits(("a", "b"), *np.multiply.outer([-9.0, 9.0, 9.0, np.inf], np
 def test_the_goal_is_reached(year, latency, lag):
     rig = Rig(the_servo(year), STARTS[year], lag=lag, latency=latency)
     last = rig.run(4.0)[-1]
-    assert (last.phase, last.outcome) == (CONVERGED, "converged")
+    assert (last.phase, last.outcome) == ("converged", "converged")
     distance, angle = rig.missed
     assert distance < 0.05e-3 and angle < np.radians(0.02)
 
@@ -103,13 +89,13 @@ def test_a_lost_target_brings_the_arm_to_rest_and_the_loop_goes_on():
     states = rig.run(1.2)
     gone = [s for s in states if 0.3 <= s.stamp < 1.0]
     text = f"target lost at 0.30 s over the left border: {why}"
-    assert {(s.phase, s.outcome, s.reason) for s in gone} == {(HOLDING, "target_lost", text)}
+    assert {(s.phase, s.outcome, s.reason) for s in gone} == {("holding", "target_lost", text)}
     assert {c.reason for c in rig.commands if 0.31 <= c.stamp < 1.0} == {why}
     assert {s.scheme for s in states} == {"FeatureScheme"} and not any(s.fault for s in states)
     still = np.array([c.positions for c in rig.commands if 0.3 + 0.2 <= c.stamp < 1.0])
     np.testing.assert_array_equal(still, np.broadcast_to(still[0], still.shape))
     assert np.abs(speeds(rig)[29]).max() > 0.05  # it was moving
-    assert (states[-1].phase, states[-1].outcome) == (SERVOING, "running")
+    assert (states[-1].phase, states[-1].outcome) == ("servoing", "running")
 
 
 def test_without_joints_or_time_the_command_says_why():
@@ -120,16 +106,16 @@ def test_without_joints_or_time_the_command_says_why():
         assert (told.stamp, told.positions, told.reason) == (stamp, None, reason)
     state = rig.servo.process_image(
         replace(rig.exact(rig.observer, 0.0, rig.sample(0.0)), joints=None))
-    assert (state.phase, state.reason) == (WAITING, "no joint states yet")
+    assert (state.phase, state.reason) == ("waiting", "no joint states yet")
     assert servo.update(0.01).positions is None
     rig.run(0.3)
     assert rig.states[-1].achieved_twist.any()
-    assert ServoState(0.0, WAITING).achieved_twist.tolist() == [0.0] * 6
+    assert ServoState(0.0, "waiting").achieved_twist.tolist() == [0.0] * 6
     command = servo.update(np.inf)
     assert (command.values, command.reason) == (None, "time is not finite")
     assert command.stamp == pytest.approx(rig.now, abs=1.1 * TICK)
     command = servo.update(rig.now + TICK, missing_reason="no word of J2")
-    assert (command.reason, command.phase) == ("no word of J2", HOLDING)
+    assert (command.reason, command.phase) == ("no word of J2", "holding")
     assert command.positions.shape == (6,)
 
 
@@ -142,14 +128,14 @@ def test_late_images_and_stamps_of_zero_change_nothing():
         state = rigs[0].show(now, stamp=stamp)
         why = "is not finite" if np.isnan(stamp) else "it is not newer than the last image"
         assert "ignored" in state.reason and state.reason.endswith(why)
-        assert state.phase == SERVOING
+        assert state.phase == "servoing"
     for rig in rigs:
         rig.run(0.5)
     np.testing.assert_array_equal(rigs[0].joints, rigs[1].joints)
     # An image from before the clock went back is left over: a second ahead at most.
     assert rig.show(50.0).reason.endswith("its stamp is ahead of the joint states")
     rig.run(0.1)
-    assert rig.servo.phase == SERVOING
+    assert rig.servo.phase == "servoing"
     rig.servo.update(2.0, rig.sample(2.0))
     told = [rig.show(50.0, stamp=stamp).has_processed_image for stamp in (3.01, 3.0)]
     assert told == [False, True]
@@ -160,24 +146,24 @@ def test_stop_start_and_hold():
     rig.run(0.3)
     rig.servo.stop("the operator")
     rig.servo.update(rig.now, missing_reason="no word of J2")
-    assert (rig.servo.phase, rig.servo.outcome.kind) == (STOPPED, "running")
+    assert (rig.servo.phase, rig.servo.outcome.kind) == ("stopped", "running")
     states = [s for s in rig.run(0.5) if s.stamp >= 0.3]
-    assert {s.phase for s in states} == {STOPPED}
+    assert {s.phase for s in states} == {"stopped"}
     assert (states[-1].outcome, rig.servo.outcome.reason) == ("stopped", "the operator")
     np.testing.assert_array_equal(speeds(rig)[-20:], 0.0)
     rig.servo.start()
     rig.run(0.3)
-    assert rig.servo.phase == SERVOING
+    assert rig.servo.phase == "servoing"
     rig.servo.hold("look at this")
     assert rig.servo.outcome.kind == "held"
     for word in ("a", "b"):  # nor do bad joints end it
         command = rig.servo.update(rig.now, missing_reason=word)
-        assert (command.reason, rig.servo.phase) == (word, HOLDING)
+        assert (command.reason, rig.servo.phase) == (word, "holding")
         assert rig.servo.outcome.reason == "look at this"
     states = [s for s in rig.run(0.5) if s.stamp >= 1.1]
-    assert {(s.phase, s.reason) for s in states} == {(HOLDING, "look at this")}
+    assert {(s.phase, s.reason) for s in states} == {("holding", "look at this")}
     rig.servo.start()
-    assert rig.run(0.2)[-1].outcome == "running" and rig.servo.phase == SERVOING
+    assert rig.run(0.2)[-1].outcome == "running" and rig.servo.phase == "servoing"
     rig.servo.hold("")
     assert (rig.run(0.1)[-1].reason, rig.servo.outcome.reason) == ("held", "held")
 
@@ -189,12 +175,12 @@ def test_impossible_joints_are_refused_and_never_sent(value):
     states = rig.run(0.8)
     bad, held = ([each for each in some if 0.31 <= each.stamp < 0.6]
                  for some in (states, rig.commands))  # fmt: skip
-    assert {s.phase for s in bad} == {HOLDING} and held
+    assert {s.phase for s in bad} == {"holding"} and held
     assert all(each.reason.startswith("the measured position ") and "speed" not in each.reason
                for each in (*bad, *held))  # fmt: skip
     commands = np.array([c.positions for c in rig.commands if c.positions is not None])
     assert np.abs(commands[:, :5]).max() < 1.0
-    assert states[-1].phase == SERVOING
+    assert states[-1].phase == "servoing"
 
 
 # -- limits ------------------------------------------------------------------------------------
@@ -206,7 +192,7 @@ def test_the_command_does_not_walk_away_from_a_joint_that_is_held(joint=3):
     assert max(ahead) < 0.05 + 0.1 * 2.0 + 2.0 * 0.15  # and coming to rest
     assert f"waiting for {rig.servo.arm.names[joint]}" in rig.states[-1].reason
     np.testing.assert_array_equal(speeds(rig)[-100:], 0.0)
-    assert rig.states[-1].phase == SERVOING
+    assert rig.states[-1].phase == "servoing"
 
 
 def test_the_arm_is_resolved_where_it_stands_and_not_where_it_was_sent():
@@ -323,14 +309,14 @@ def test_a_joint_on_the_way_waits_where_it_hangs_and_velocities_are_those_of_the
     for t in np.arange(0.0, 3.0, 0.01):
         q = q + 0.01 * servo.update(t, rig.sample(t)).values
         asked.append(servo.is_waiting_for_joints)
-    assert not asked[0] and asked[-1] and servo.phase == APPROACHING
+    assert not asked[0] and asked[-1] and servo.phase == "approaching"
     np.testing.assert_allclose(q, servo.command, atol=1e-12)
     near, moved = np.array(start) - 0.004, []  # there, and pushed on all the same
     for t in np.arange(3.0, 4.0, 0.01):
         moved.append(servo.update(t, rig.sample(t, near)).values.any())
         if not servo.is_approaching:
             break
-    assert moved[0] and not moved[-1] and servo.phase == WAITING
+    assert moved[0] and not moved[-1] and servo.phase == "waiting"
 
 
 def test_what_sags_before_the_first_image_is_held_where_it_was():
@@ -378,12 +364,12 @@ def test_efforts_stay_within_those_of_each_joint():
         motion.velocity = np.array([0.5, 0.0]) * way
         joints = JointSample.from_values(
             0.5, ("a", "b"), [0.05 * way, 0.3 * way], [0.25 * way, 0.0])
-        sent = motion.make_command(0.5, joints, np.array([7.0, 30.0]), "why", SERVOING)
+        sent = motion.make_command(0.5, joints, np.array([7.0, 30.0]), "why", "servoing")
         assert sent.values == pytest.approx([-4.0 * way, -30.0 * way]) and sent.positions is None
-        assert (sent.kind, sent.reason, sent.phase) == ("effort", "why", SERVOING)
-    assert motion.make_command(0.5, None, np.ones(2), "", WAITING).values is None
+        assert (sent.kind, sent.reason, sent.phase) == ("effort", "why", "servoing")
+    assert motion.make_command(0.5, None, np.ones(2), "", "waiting").values is None
     motion.reset()
-    assert motion.make_command(0.5, joints, np.ones(2), "", WAITING).values is None
+    assert motion.make_command(0.5, joints, np.ones(2), "", "waiting").values is None
     with pytest.raises(ConfigurationError, match="stiffness is 0: set stiffness"):
         the_servo("2016", output="effort", damping=2.0)
     the_servo("2016", output="effort", stiffness=[0.0, 0.0, 5.0, 0.0, 0.0, 0.0])
@@ -447,9 +433,9 @@ def test_the_start_is_reached_smoothly_before_the_eyes_open(begin):
     rig = Rig(the_servo("2016", start=STARTS["2016"]), np.zeros(6))
     rig.now = rig.next_tick = rig.next_image = begin
     states = rig.run(3.0)
-    on_the_way = [s for s in states if s.phase == APPROACHING]
+    on_the_way = [s for s in states if s.phase == "approaching"]
     assert len(on_the_way) > 15 and all(s.scheme_output is None for s in on_the_way)
-    opened = next(s for s in states if s.phase == SERVOING)
+    opened = next(s for s in states if s.phase == "servoing")
     np.testing.assert_allclose(opened.joints.positions, STARTS["2016"], atol=5e-3)
     first = int((opened.stamp - begin) / TICK) - 2
     limit = 0.3 * rig.servo.differential_ik.limits.velocity
@@ -466,7 +452,7 @@ def test_the_way_to_the_start_keeps_to_the_limit_of_acceleration(acceleration):
     rig = Rig(the_servo("2016", start=STARTS["2016"], limits=limits), np.zeros(6))
     rig.run(6.0)
     assert not rig.servo.is_approaching
-    sent = np.diff(np.array([c.positions for c in rig.commands if c.phase == APPROACHING]), 2, 0)
+    sent = np.diff(np.array([c.positions for c in rig.commands if c.phase == "approaching"]), 2, 0)
     reached = np.abs(sent / TICK**2).max(axis=0) / limits.acceleration
     assert 0.8 < reached.max() < 1.05
 
@@ -493,7 +479,7 @@ def test_an_image_without_joints_meets_the_latest():
     rig = Rig(the_servo("2016"), STARTS["2016"])
     rig.servo.update(0.5, joints := rig.sample(0.5))
     state = rig.show(0.5, joints, joints=None)
-    assert state.phase == SERVOING and state.joints is joints and rig.servo.state is state
+    assert state.phase == "servoing" and state.joints is joints and rig.servo.state is state
     np.testing.assert_array_equal(state.command, rig.q)
     rig.servo.command[:] = 9.0
     np.testing.assert_array_equal(rig.servo.command, rig.q)
@@ -501,7 +487,7 @@ def test_an_image_without_joints_meets_the_latest():
     rig.run(0.3)
     assert rig.servo.executor.task is not None and rig.servo.is_only_executing
     rig.servo.start()
-    assert rig.servo.executor.task is None and rig.servo.phase == SERVOING
+    assert rig.servo.executor.task is None and rig.servo.phase == "servoing"
     before = np.abs(rig.servo.integrator.velocity).max()
     rig.servo.update(rig.now, rig.sample(rig.now))
     assert 0.0 < np.abs(rig.servo.integrator.velocity).max() < before
@@ -527,14 +513,14 @@ def test_velocities_that_fail_between_images_hold_the_arm_at_once():
     for error in (ValueError("no"), ZeroDivisionError("by zero"), np.linalg.LinAlgError("none")):
         ik.error = error
         command = rig.servo.update(rig.now + 0.02, rig.sample(rig.now + 0.02))
-        assert (command.phase, command.reason) == (HOLDING, str(error))
+        assert (command.phase, command.reason) == ("holding", str(error))
         assert rig.servo.integrator.command is not None and rig.servo.executor.task is None
         ik.error = None
         rig.run(0.3)
-        assert rig.servo.phase == SERVOING
+        assert rig.servo.phase == "servoing"
     ik.velocities = np.array([0.1, 0.0, np.nan, 0.0, 0.0, 0.0])
     rig.run(0.2)
-    assert rig.servo.phase == HOLDING
+    assert rig.servo.phase == "holding"
     assert rig.servo.reason == "the joint velocities are not finite"
     assert all(np.isfinite(command.positions).all() for command in rig.commands)
 
@@ -557,9 +543,9 @@ def test_the_watchdog_waits_for_its_time_or_three_image_periods(stamps, patience
     rig = Rig(the_servo("2016", watchdog=0.25, longest_step=9.0), STARTS["2016"])
     for stamp in stamps:
         rig.answer(stamp)
-    for passed, phase in ((0.0, SERVOING), (patience, SERVOING), (patience + 1 / 64, WAITING)):
+    for passed in (0.0, patience, patience + 1 / 64):
         rig.servo.update(1.0625 + passed, rig.sample(1.0625 + passed))
-        assert rig.servo.phase == phase
+        assert rig.servo.phase == ("servoing" if passed <= patience else "waiting")
 
 
 @pytest.mark.parametrize(("output", "moving", "at_once"), [
@@ -602,24 +588,14 @@ def test_a_state_that_was_read_back_tells_what_its_resolution_does():
         a_solution(np.eye(6)), desired_twist=np.arange(6.0), achieved_twist=np.arange(6.0) / 2.0,
         recorded_singular_values=(np.array([3.0, 0.5]), np.array([1.0])),
     )
-    state = ServoState(0.5, SERVOING, ik_solution=resolution)
+    state = ServoState(0.5, "servoing", ik_solution=resolution)
     assert state.desired_twist is resolution.desired_twist
     assert state.achieved_twist is resolution.achieved_twist
     assert state.singular_values_L is resolution.singular_values_L and state.rank == 2
-    bare = ServoState(0.5, WAITING)
+    bare = ServoState(0.5, "waiting")
     assert bare.singular_values_L.shape == (0,) and bare.rank == 0
     assert bare.desired_twist.tolist() == [0.0] * 6 and bare.names == () and bare.error is None
     assert (bare.outcome, bare.computation_time) == ("running", 0.0)
     assert not bare.has_processed_image
     sent = JointCommand(0.5, ("a",), np.ones(1))
     assert sent.positions is sent.values and (sent.reason, sent.phase) == ("", "")
-
-
-def test_where_images_come_from_in_words():
-    plain, whole = ImageSource(), ImageSource("features", "/eye", "the camera node")
-    assert plain.describe_silence() == "no image"
-    assert plain.describe_silence(142.066) == "no image since 142.07 s"
-    assert whole.describe_silence() == "no features on /eye (is the camera node running?)"
-    same = "(check that both use the same use_sim_time)"
-    assert plain.describe_stamp_lead(1.5) == f"image are stamped 1.50 s ahead of the clock {same}"
-    assert whole.describe_stamp_lead(1.5).startswith("features on /eye are stamped 1.50 s ahead")

@@ -5,10 +5,9 @@ import pytest
 from loop_rig import an_image
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
-from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_controller import Goal, Moments
 from aras_visual_servo_controller.diagnosis.feature_rows import pack_features
 from aras_visual_servo_controller.diagnosis.target_motion_check import TargetMotionCheck
-from aras_visual_servo_controller.goals.goal import Goal
 
 DT = 1 / 30  # s: four images are more than the 0.12 s of a row
 POSE = matrix_from_xyz_rpy((0.3, -0.2, 0.5), (2.9, 0.2, -0.4))

@@ -13,17 +13,8 @@ from aras_visual_servo_base.poses import inverse, matrix_from_xyz_rpy
 from aras_visual_servo_bench.targets.target_factory import make_target
 from aras_visual_servo_camera.contour import find_corners
 from aras_visual_servo_camera.errors import TrackingModelError
-from aras_visual_servo_controller.errors import ConfigurationError
-from aras_visual_servo_controller.features import Feature
-from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.kinematics import Arm
-from aras_visual_servo_controller.kinematics.joint_sample import JointSample
-from aras_visual_servo_controller.loop.teaching import (
-    ViewCollector,
-    average_entries,
-    complete_by_geometry,
-    make_mean_goal,
-)
+from aras_visual_servo_controller import Arm, ConfigurationError, Feature, Goal, JointSample
+from aras_visual_servo_controller.loop import teaching
 from aras_visual_servo_controller.observation.camera_rig import CameraRig
 from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
 from aras_visual_servo_controller.records.state import ServoSettings
@@ -37,7 +28,7 @@ def view_at(observer, stamp, joints):
     return observer.observe_exact_features(stamp, CAMERA, joints, contour=outline)
 
 
-class Teacher(ViewCollector):
+class Teacher(teaching.ViewCollector):
     """Collects views of an arm that goes where it is sent, or of one that stays where it is."""
 
     def __init__(self, *desired, arm=None):
@@ -79,7 +70,7 @@ def test_the_pose_is_driven_to_and_what_was_seen_is_stored():
     assert teacher.is_ready and len(teacher.views) > 50
     # slowly, of joints that could be faster
     assert np.abs(np.diff(teacher.sent, axis=0)).max() == pytest.approx(0.3 * 0.01, rel=0.01)
-    goal = make_mean_goal(teacher.views, scheme, arm, "mine", target_goal=the_goal("2016"))
+    goal = teaching.make_mean_goal(teacher.views, scheme, arm, "mine", target_goal=the_goal("2016"))
     stored = goal.get_joints(arm.names)
     np.testing.assert_allclose(stored, teacher.views[-1].joints.positions, atol=2e-3)
     assert np.abs(stored - teacher.wanted).max() > 1e-3  # not the nominal ones
@@ -139,7 +130,7 @@ def test_what_a_users_feature_keeps_of_the_plane_is_told_by_the_target_s_geometr
             return {"own": {"plane": list(observation.plane), "stamp": observation.stamp}}
 
     goal, seen = replace(the_goal("2016").for_arm(the_arm()), camera=CAMERA), []
-    known = complete_by_geometry(goal, Own())
+    known = teaching.complete_by_geometry(goal, Own())
     outline = goal.target.compute_outline(goal.world_T_camera)
     assert abs(len(seen[0].contour) - 400) <= len(outline)
     away = np.linalg.norm(seen[0].contour[:, None] - outline, axis=2)
@@ -148,9 +139,9 @@ def test_what_a_users_feature_keeps_of_the_plane_is_told_by_the_target_s_geometr
     np.testing.assert_array_equal(seen[0].world_T_camera, goal.world_T_camera)
     assert seen[0].camera is CAMERA
     for unknown in (replace(goal, target=None), replace(goal, world_T_camera=None)):
-        assert complete_by_geometry(unknown, Own()) is unknown
+        assert teaching.complete_by_geometry(unknown, Own()) is unknown
     assert known.features["own"] == {"plane": list(goal.plane), "stamp": 0.0}
-    assert complete_by_geometry(known, Own()) is known  # it holds that already
+    assert teaching.complete_by_geometry(known, Own()) is known  # it holds that already
 
 
 def test_views_are_averaged():
@@ -161,7 +152,7 @@ def test_views_are_averaged():
              for i, off in enumerate((-0.001, 0.003, 0.004))]  # fmt: skip
     numbers = np.array([np.arange(20.0), np.arange(20.0) ** 2, np.ones(20)])
     kernels = [replace(v, kernel=one) for v, one in zip(views, numbers, strict=True)]
-    goal = make_mean_goal(kernels, scheme, arm, "mine", depth=0.2)
+    goal = teaching.make_mean_goal(kernels, scheme, arm, "mine", depth=0.2)
     np.testing.assert_allclose(goal.get_joints(arm.names), q + 0.002)
     np.testing.assert_allclose(goal.world_T_camera, arm.pose(q + 0.002), atol=1e-12)
     expected = np.mean([v.moments.mu_array for v in views], axis=0)
@@ -173,9 +164,9 @@ def test_views_are_averaged():
         ([{"a": 1.0}, {"a": 3.0, "b": 5.0}, {"a": 8.0, "b": 6.0}], {"a": 4.0, "b": 5.5}),
         ([{"p": {"q": [[1, 2]]}}, {"p": {"q": [[3, 6]]}}], {"p": {"q": [[2.0, 4.0]]}}),
     ):  # fmt: skip
-        assert average_entries(entries) == mean
+        assert teaching.average_entries(entries) == mean
     with pytest.raises(ConfigurationError, match="no valid view"):
-        make_mean_goal([], scheme, arm, "mine", depth=0.2)
+        teaching.make_mean_goal([], scheme, arm, "mine", depth=0.2)
 
 
 def test_bad_views_and_bad_joints_are_not_kept():
@@ -200,7 +191,7 @@ def test_bad_views_and_bad_joints_are_not_kept():
     for names, count in ((arm.names[:3], 0), (arm.names, 1), (arm.names[:3], 1), (arm.names, 2)):
         driven.add_joint_state(names, np.zeros(len(names)), [], 0.4)
         assert len(driven.sent) == count
-    two = ViewCollector(
+    two = teaching.ViewCollector(
         arm, CameraRig([FeatureObserver(arm, name="left"), FeatureObserver(arm, name="right")]))
     two.add_joint_state(arm.names, np.zeros(6), [], 0.0)
     two.add_image(0.0, lambda *_: pytest.fail("alone"), "left")
@@ -273,7 +264,7 @@ def test_moments_of_a_model_are_taught_with_the_plane_of_its_outline():
     outline = box.outline(inverse(matrix_from_xyz_rpy(place[:3], place[3:])) @ pose)
     joints = arm.read_joints(arm.names, q)
     view = rig.control.observe_exact_features(0.0, CAMERA, joints, contour=outline)
-    goal = make_mean_goal([view], scheme, arm, "mine")
+    goal = teaching.make_mean_goal([view], scheme, arm, "mine")
     upper = pose[2, 3] - 0.3 + 0.03
     assert goal.plane == pytest.approx(goal_plane(pose, upper), abs=1e-6)
     assert goal.depth == pytest.approx(1.0 / goal.plane.C)

@@ -10,30 +10,11 @@ import numpy as np
 import pytest
 from loop_rig import the_arm, the_limits
 
-from aras_visual_servo_controller.teleop import keyboard
-from aras_visual_servo_controller.teleop.gamepad import (
-    AXIS,
-    BUTTON,
-    DEADBAND,
-    EVENT,
-    FAST,
-    INITIAL,
-    SLOW,
-    JoyDevice,
-    compute_twist,
-)
+from aras_visual_servo_controller.teleop import gamepad, keyboard
 from aras_visual_servo_controller.teleop.jog import MAX_TWIST, Jog
-from aras_visual_servo_controller.teleop.keyboard import (
-    CAMERA_KEYS,
-    JOINTS,
-    SPEEDS,
-    KeyboardState,
-    choose_step_joints,
-    raw_terminal,
-    read_keys,
-    split_keys,
-    step_joint,
-)
+
+compute_twist, DEADBAND, EVENT = gamepad.compute_twist, gamepad.DEADBAND, gamepad.EVENT
+SLOW, FAST, AXIS, BUTTON = gamepad.SLOW, gamepad.FAST, gamepad.AXIS, gamepad.BUTTON
 
 
 @pytest.mark.parametrize(("names", "across", "along"), [
@@ -42,22 +23,22 @@ from aras_visual_servo_controller.teleop.keyboard import (
     (("pan", "tilt"), "pan", "tilt"),
 ])  # fmt: skip
 def test_arrows_step_the_first_joints_of_another_arm(names, across, along):
-    assert choose_step_joints(names) == {"across": across, "along": along}
+    assert keyboard.choose_step_joints(names) == {"across": across, "along": along}
 
 
 def test_arrows_step_gantry_and_j2():
     command = np.zeros(6)
     for key in ("\x1b[C", "\x1b[C", "\x1b[A"):
-        command, _ = step_joint(key, command, the_limits(), JOINTS)
+        command, _ = keyboard.step_joint(key, command, the_limits(), keyboard.JOINTS)
     np.testing.assert_allclose(command, [0.1, 0.0, 0.05, 0.0, 0.0, 0.0])
-    after, told = step_joint("\x1b[B", command, the_limits(), JOINTS)
+    after, told = keyboard.step_joint("\x1b[B", command, the_limits(), keyboard.JOINTS)
     assert (after[2], command[2], told) == (0.0, 0.05, "J2 to 0.000")
     for key, side, sign in (("\x1b[C", "upper", 1.0), ("\x1b[D", "lower", -1.0)):
         for bound, gone, told in ((0.02, 0.0, "gantry is at its limit"),
                                   (0.05, 0.05, f"gantry to {0.1 + 0.05 * sign:.3f}"),
                                   (0.051, 0.05, "gantry to")):  # fmt: skip
             limits = the_limits(**{side: {"gantry": command[0] + sign * bound}})
-            after, words = step_joint(key, command, limits, JOINTS)
+            after, words = keyboard.step_joint(key, command, limits, keyboard.JOINTS)
             assert after[0] - command[0] == pytest.approx(sign * gone) and told in words
             np.testing.assert_array_equal(after[1:], command[1:])
 
@@ -79,17 +60,17 @@ class Asked(Jog):
 
 
 def test_each_key_moves_the_camera_in_its_direction():
-    jog, keys = Asked(), KeyboardState(the_arm().names)
+    jog, keys = Asked(), keyboard.KeyboardState(the_arm().names)
     for row, pair in enumerate(("da", "sw", "rf", "ik", "ou", "lj")):
         for key, sign in zip(pair, (1, -1), strict=True):
             assert keys.press(key, jog, 0.0) == (True, "")
-            expected = sign * SPEEDS[keys.speed] * MAX_TWIST[row] * np.eye(6)[row]
+            expected = sign * keyboard.SPEEDS[keys.speed] * MAX_TWIST[row] * np.eye(6)[row]
             np.testing.assert_allclose(jog.heard[-1], expected)
     assert len(jog.heard) == 12
 
 
 def test_a_chosen_joint_is_moved_and_no_other():
-    jog, keys = Asked(), KeyboardState(the_arm().names)
+    jog, keys = Asked(), keyboard.KeyboardState(the_arm().names)
     assert keys.press("=", jog, 0.0) == (True, "")
     assert keys.press("3", jog, 0.0) == (False, "+ and - move J2")
     keys.press("+", jog, 0.0)
@@ -102,7 +83,7 @@ def test_a_chosen_joint_is_moved_and_no_other():
 
 
 def test_speed_stays_between_the_least_and_the_greatest():
-    keys, jog = KeyboardState(the_arm().names), Asked()
+    keys, jog = keyboard.KeyboardState(the_arm().names), Asked()
     assert [keys.press("<", jog, 0.0) for _ in range(6)][-1] == (False, "speed 5 %")
     told = [keys.press(">", jog, 0.0)[1] for _ in range(6)]
     assert told == [f"speed {part} %" for part in (10, 20, 40, 70, 100, 100)]
@@ -110,24 +91,25 @@ def test_speed_stays_between_the_least_and_the_greatest():
 
 
 def test_no_key_means_two_things_and_the_help_names_all():
-    taken = set(CAMERA_KEYS) | set(keyboard.SIGNS) | {"<", ">", "h", "q", " "}
-    assert len(taken) == len(CAMERA_KEYS) + len(keyboard.SIGNS) + 5
+    taken = set(keyboard.CAMERA_KEYS) | set(keyboard.SIGNS) | {"<", ">", "h", "q", " "}
+    assert len(taken) == len(keyboard.CAMERA_KEYS) + len(keyboard.SIGNS) + 5
     words = set(keyboard.__doc__.replace(",", " ").split())
-    assert set(CAMERA_KEYS) | {"+", "-", "<", ">", "h", "q"} <= words
-    assert split_keys("dd\x1b[Cq") == ["d", "d", "\x1b[C", "q"] and split_keys("") == []
+    assert set(keyboard.CAMERA_KEYS) | {"+", "-", "<", ">", "h", "q"} <= words
+    for text, held in (("dd\x1b[Cq", ["d", "d", "\x1b[C", "q"]), ("", [])):
+        assert keyboard.split_keys(text) == held
 
 
 def test_keys_are_read_as_they_come_also_such_as_are_no_text(monkeypatch):
     end, begin = os.pipe()
     with os.fdopen(end) as terminal:
         monkeypatch.setattr(sys, "stdin", terminal)
-        assert read_keys(0.0) == []
+        assert keyboard.read_keys(0.0) == []
         os.write(begin, 70 * b"d")
-        assert [len(read_keys(0.0)) for _ in range(2)] == [64, 6]
+        assert [len(keyboard.read_keys(0.0)) for _ in range(2)] == [64, 6]
         os.write(begin, b"d\xff\x1b[C")
-        assert read_keys(5.0) == ["d", "\ufffd", "\x1b[C"]
+        assert keyboard.read_keys(5.0) == ["d", "\ufffd", "\x1b[C"]
         os.close(begin)
-        assert read_keys(5.0) == ["\x04"]  # the terminal is gone: as its end of input
+        assert keyboard.read_keys(5.0) == ["\x04"]  # the terminal is gone: as its end of input
 
 
 def test_a_terminal_is_as_before_once_its_keys_were_read(monkeypatch):
@@ -135,7 +117,7 @@ def test_a_terminal_is_as_before_once_its_keys_were_read(monkeypatch):
     with os.fdopen(end) as terminal, os.fdopen(person):
         monkeypatch.setattr(sys, "stdin", terminal)
         before = termios.tcgetattr(terminal)
-        with pytest.raises(KeyboardInterrupt), raw_terminal():
+        with pytest.raises(KeyboardInterrupt), keyboard.raw_terminal():
             assert not termios.tcgetattr(terminal)[3] & (termios.ICANON | termios.ECHO)
             raise KeyboardInterrupt
         assert termios.tcgetattr(terminal) == before
@@ -162,10 +144,10 @@ def test_a_pad_moves_nothing_until_a_shoulder_button_is_held():
 
 def test_the_kernels_events_are_a_pads_state(tmp_path):
     (path := tmp_path / "js0").write_bytes(b"")
-    pad = JoyDevice(path)
+    pad = gamepad.JoyDevice(path)
     pad.axes, pad.buttons = [0.0] * 8, [0] * 16
     assert (BUTTON, AXIS) == (1, 2)
-    for event in ((1, -32767, AXIS | INITIAL, 0),  # the kernel's left is negative
+    for event in ((1, -32767, AXIS | gamepad.INITIAL, 0),  # the kernel's left is negative
                   (2, 1, BUTTON, SLOW), (3, 1, BUTTON, 16), (3, 1, AXIS, 8),
                   (3, 1, 0x40, 3)):  # an event of a kind to come
         pad.handle_event(EVENT.pack(*event))
@@ -177,7 +159,7 @@ def test_the_kernels_events_are_a_pads_state(tmp_path):
 def test_a_pad_that_is_unplugged_asks_for_nothing(tmp_path):
     os.mkfifo(path := tmp_path / "js0")
     cable = os.open(path, os.O_RDWR)
-    pad = JoyDevice(path)
+    pad = gamepad.JoyDevice(path)
     rest = [0.0] * 8, [0] * 16
     assert (pad.axes, pad.buttons) == rest
     os.write(cable, EVENT.pack(1, -32767, AXIS, 0) + EVENT.pack(2, 1, BUTTON, FAST))

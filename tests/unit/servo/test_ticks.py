@@ -5,12 +5,7 @@ import pytest
 from test_driver import Bench
 
 from aras_visual_servo_controller.records.state import JointCommand
-from aras_visual_servo_controller.runner.compiled_updates import (
-    NEEDS_PYTHON,
-    NEW_COMMAND,
-    LoopStateConverter,
-    process_joint_state,
-)
+from aras_visual_servo_controller.runner import compiled_updates
 
 
 class Joined(Bench):
@@ -18,12 +13,15 @@ class Joined(Bench):
 
     def __init__(self, **given):
         super().__init__(**given)
-        self.ticks, self.answered = LoopStateConverter(self.driver), 0
+        self.ticks, self.answered = compiled_updates.LoopStateConverter(self.driver), 0
 
     def tell(self, names, positions, velocities, stamp):
         state = self.ticks.make_loop()
         q, v = np.array(positions), np.array(velocities)
-        if state is None or (became := process_joint_state(q, v, stamp, state)) == NEEDS_PYTHON:
+        became = compiled_updates.NEEDS_PYTHON
+        if state is not None:
+            became = compiled_updates.process_joint_state(q, v, stamp, state)
+        if became == compiled_updates.NEEDS_PYTHON:
             if state is not None:
                 self.ticks.apply_results([], np.empty((0, 3, 6)))
             super().tell(names, positions, velocities, stamp)
@@ -31,7 +29,7 @@ class Joined(Bench):
         command = self.ticks.command.copy()
         self.ticks.apply_results([stamp], np.array([[q, v, command]]))
         self.answered += 1
-        if became == NEW_COMMAND:
+        if became == compiled_updates.NEW_COMMAND:
             self.send(JointCommand(stamp, names, command))
 
 

@@ -9,12 +9,9 @@ import pytest
 import yaml
 from loop_rig import CAMERA, STARTS, Rig, lost, the_arm, the_goal, the_servo
 
-from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.kinematics.joint_sample import JointSample
+from aras_visual_servo_controller import FeatureObserver, Goal, JointSample, create_scheme
 from aras_visual_servo_controller.laws import Proportional
-from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
 from aras_visual_servo_controller.observation.observation import SEGMENTED, Need
-from aras_visual_servo_controller.schemes import create_scheme
 
 EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
 NAMES = (

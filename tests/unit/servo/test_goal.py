@@ -141,10 +141,7 @@ def test_files_that_are_wrong_are_one_line(name):
     with pytest.raises(ConfigurationError, match=words) as caught:
         Goal.from_mapping(mapping(**changes))
     assert "\n" not in str(caught.value)
-
-
-def test_depths_and_planes_at_their_bounds_are_taken():
-    for depth in (0.001, 100.0):
+    for depth in (0.001, 100.0):  # at their bounds they are taken
         assert Goal.from_mapping({"depth": depth}).depth == depth
     for plane in ([0.0, 0.0, 0.01], [0.0, 0.0, 1000.0], [0.0, 99.0, 5.0], [-99.0, 0.0, 5.0],
                   [9975.0**0.5, 0.0, 5.0]):  # whose length is 100
@@ -204,11 +201,8 @@ def test_the_posture_of_a_goal_is_its_joints_or_found_for_its_pose():
     assert replace(by_pose, world_T_camera=None).find_posture(arm) is None
 
 
-def shifted(xyz, rpy=(0.0, 0.0, 0.0)):
-    return matrix_from_xyz_rpy(xyz, rpy)
-
-
-FIX = r"not visible from this pose .* mounting \(camera_xyz, camera_rpy\), or teach the goal"
+UP, ASIDE = (matrix_from_xyz_rpy(xyz, (0.0, 0.0, 0.0)) for xyz in ((0, 0, 1.0), (3.0, 0, 0)))
+LEVEL = Goal(world_T_camera=matrix_from_xyz_rpy((0, 0, 1.0), (np.pi / 2, 0, 0)), depth=0.2)
 
 
 @pytest.mark.parametrize(("use", "words"), [
@@ -216,11 +210,11 @@ FIX = r"not visible from this pose .* mounting \(camera_xyz, camera_rpy\), or te
      r"no value for the joint\(s\) gantry, J2"),
     (lambda goal: replace(goal, joints={**goal.joints, "J2": 9.0}).for_arm(the_arm()),
      "J2 at 9.0000, outside the joint's limits"),
-    (lambda goal: Goal(world_T_camera=shifted((0, 0, 1.0), (np.pi / 2, 0, 0)),
-                       depth=0.2).make_level_plane(), "parallel to the table"),
+    (lambda goal: LEVEL.make_level_plane(), "parallel to the table"),
     (lambda goal: Goal().predict_from_pose(np.eye(4)), "does not contain the target's geometry"),
-    (lambda goal: goal.predict_from_pose(shifted((0, 0, 1.0))), FIX),  # looks up
-    (lambda goal: goal.predict_from_pose(shifted((3.0, 0, 0)) @ goal.world_T_camera),
+    (lambda goal: goal.predict_from_pose(UP),  # looks up
+     r"not visible from this pose .* mounting \(camera_xyz, camera_rpy\), or teach the goal"),
+    (lambda goal: goal.predict_from_pose(ASIDE @ goal.world_T_camera),
      "not visible .*there is no target.*mounting"),
 ])  # fmt: skip
 def test_goals_that_do_not_fit_the_arm(use, words):
@@ -270,26 +264,28 @@ def test_where_only_moments_are_known_the_outline_is_the_ellipse_that_has_them()
 BOX = np.array([[[-0.1, -0.05, 0.0], [0.1, 0.05, 0.01]]])
 
 
-@pytest.mark.parametrize(("corner", "ground", "surface", "words"), [
-    ([np.inf, 0.1, 0.1], 0.0, 0.0, "not finite"), ([0.1, 0.1, 0.1], np.nan, 0.0, "not finite"),
-    ([0.1, 0.1, 0.1], 0.0, np.nan, "not finite"), ([0.1, 0.1, 0.1], 0.0, np.inf, "not finite"),
-    ([0.1, -0.05, 0.1], 0.0, 0.0, "first corner of a box must have its lowest"),
-    ([0.1, 0.1, -0.1], 0.0, 0.0, "first corner of a box must have its lowest"),
-])  # fmt: skip
-def test_a_box_has_a_size_and_finite_numbers(corner, ground, surface, words):
-    boxes = BOX.copy()
-    boxes[0, 1] = corner
-    with pytest.raises(ConfigurationError, match=f"mine: .*{words}"):
-        TargetGeometry.from_values(boxes, ground, surface, "mine")
-
-
-def test_boxes_and_poses_may_be_whole_numbers():
+def test_a_box_has_a_size_and_finite_numbers_which_may_be_whole():
+    for corner, ground, surface, words in (
+        ([np.inf, 0.1, 0.1], 0.0, 0.0, "not finite"), ([0.1, 0.1, 0.1], np.nan, 0.0, "not finite"),
+        ([0.1, 0.1, 0.1], 0.0, np.nan, "not finite"), ([0.1, 0.1, 0.1], 0.0, np.inf, "not finite"),
+        ([0.1, -0.05, 0.1], 0.0, 0.0, "first corner of a box must have its lowest"),
+        ([0.1, 0.1, -0.1], 0.0, 0.0, "first corner of a box must have its lowest"),
+    ):  # fmt: skip
+        boxes = BOX.copy()
+        boxes[0, 1] = corner
+        with pytest.raises(ConfigurationError, match=f"mine: .*{words}"):
+            TargetGeometry.from_values(boxes, ground, surface, "mine")
     boxes = np.array([[[-1, -1, 0], [1, 1, 1]]])
     box = TargetGeometry.from_values(boxes, 0, 1)
     above = np.array([[1, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 3], [0, 0, 0, 1]])
     assert np.abs(box.compute_outline(above)).max(axis=0) == pytest.approx([0.5, 0.5])
     boxes[:] = 0  # the caller's array stays the caller's
     assert box.boxes.tolist() == [[[-1, -1, 0], [1, 1, 1]]]
+    # What stands in the ground is not seen: from the side, 0.5 m off, from the ground on.
+    box = TargetGeometry.from_values(np.array([[[-0.1, -0.05, -0.2], [0.1, 0.05, 0.3]]]), 0.1, 0.3)
+    to_x = np.array([[0.0, 0, 1, -0.6], [-1, 0, 0, 0], [0, -1, 0, 0.1], [0, 0, 0, 1]])
+    low, high = np.sort(box.compute_outline(to_x)[:, 1])[[0, -1]]
+    assert (low, high) == pytest.approx((-0.2 / 0.5, 0.0), abs=1e-12)
 
 
 def test_the_depth_is_that_along_a_leaning_axis():
@@ -307,14 +303,6 @@ def test_the_depth_is_that_along_a_leaning_axis():
             box.compute_depth(pose)
     with pytest.raises(ServoError, match="lies in the target's plane"):
         box.compute_plane(inside)
-
-
-def test_what_stands_in_the_ground_is_not_seen():
-    """From the side: 0.5 m off, the front is seen from the ground on."""
-    box = TargetGeometry.from_values(np.array([[[-0.1, -0.05, -0.2], [0.1, 0.05, 0.3]]]), 0.1, 0.3)
-    to_x = np.array([[0.0, 0, 1, -0.6], [-1, 0, 0, 0], [0, -1, 0, 0.1], [0, 0, 0, 1]])
-    low, high = np.sort(box.compute_outline(to_x)[:, 1])[[0, -1]]
-    assert (low, high) == pytest.approx((-0.2 / 0.5, 0.0), abs=1e-12)
 
 
 def area(polygon):
@@ -343,8 +331,7 @@ def test_hulls_and_unions_of_polygons():
 
 def test_a_goal_file_that_has_changed_is_read_again(tmp_path):
     path = tmp_path / "goal.yaml"
-    path.write_text("depth: 0.2\n")
-    first = Goal.load(path)
-    assert first.depth == 0.2 and Goal.load(path) is first
-    path.write_text("depth: 0.3\n")
-    assert Goal.load(path).depth == 0.3
+    for depth in (0.2, 0.3):
+        path.write_text(f"depth: {depth}\n")
+        goal = Goal.load(path)
+        assert goal.depth == depth and Goal.load(path) is goal

@@ -153,18 +153,6 @@ def test_accuracy_is_that_of_grey_levels_and_of_neighbours_that_are_off_together
         assert size == pytest.approx(np.hypot(0.2, 3.5 * left) * np.eye(6), rel=1e-3)
 
 
-@pytest.mark.parametrize("name", ["luminance_lm", "photometric_moments"])
-def test_the_camera_flies_to_where_the_picture_was_taken(name):
-    feature, goal = at_goal(name)
-    scheme = FeatureScheme(feature)
-    place = pose((0.01, -0.012, 0.82), (0.02, -0.015, 0.04))
-    first = np.linalg.norm(place @ np.linalg.inv(GOAL) - np.eye(4))
-    for k in range(30):
-        decision = scheme.compute(look(PINHOLE, place, feature.needs), goal, 0.1 * k)
-        place = moved(place, 0.1 * decision.task.twist)
-    assert np.linalg.norm(place @ np.linalg.inv(GOAL) - np.eye(4)) < 0.1 * first
-
-
 @pytest.mark.parametrize(
     ("sides", "told"), [((0.11, 0.11), "90°"), ((0.14, 0.08), "180°"), (None, "")]
 )

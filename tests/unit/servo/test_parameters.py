@@ -1,15 +1,15 @@
 """Parameters of the controller: each is listed once, checked, and used."""
 
-from __future__ import annotations
-
 import re
 import sys
 from dataclasses import fields, replace
 from pathlib import Path
 
+import loop_rig
 import numpy as np
 import pytest
 import yaml
+from loop_rig import PACKAGE
 
 from aras_visual_servo_camera.trackers import TRACKERS
 from aras_visual_servo_controller import ConfigurationError, Need
@@ -23,9 +23,7 @@ from aras_visual_servo_controller.kinematics import (
 from aras_visual_servo_controller.records.state import ServoSettings
 from aras_visual_servo_controller.settings import ControllerSettings
 
-SOURCES = Path(__file__).parents[3] / "src"
-PACKAGE = SOURCES / "aras_visual_servo_controller"
-URDF = (SOURCES / "aras_visual_servo_gazebo/robots/aras_visual_servo.urdf").read_text()
+URDF = loop_rig.URDF.read_text()
 
 
 def of(**given):
@@ -102,52 +100,40 @@ def test_wrong_parameters_are_named(given, words):
         of(**given)
 
 
-ABOVE_0 = {"hold", "approach_speed", "watchdog", "wall_watchdog", "scheme_timeout", "stop_time",
-           "model_scale"}  # fmt: skip
-LEAST = dict.fromkeys(
-    ("smoothing", "continuous_start", "ramp", "duration", "hold_gain", "posture_gain", "lag",
-     "delay", "listeners"), 0.0) | {"image_timeout": 0.1, "joint_timeout": 0.1}  # fmt: skip
+ABOVE_0 = ("hold", "approach_speed", "watchdog", "wall_watchdog", "scheme_timeout", "stop_time",
+           "model_scale")  # fmt: skip
+AT_LEAST_0 = ("smoothing", "continuous_start", "ramp", "duration", "hold_gain", "posture_gain",
+              "lag", "delay", "listeners")  # fmt: skip
+LEAST = dict.fromkeys(AT_LEAST_0, 0.0) | {"image_timeout": 0.1, "joint_timeout": 0.1}
 MOST = {"smoothing": 10.0, "hold_gain": 1000.0, "posture_gain": 1000.0, "approach_speed": 1.0,
         "stop_time": 10.0}  # fmt: skip
+# Of settings of the loop, which may be made without parameters.
+LOOP_LEAST = ("arrived", "push", "settle", "lag", "delay", "watchdog_images", "lead", "stiffness",
+              "damping")  # fmt: skip
+LOOP_ABOVE_0 = ("hold", "approach_speed", "longest_step", "watchdog", "stop_time",
+                "resolve_period", "duration")  # fmt: skip
 
 
 def test_every_number_has_its_bound_and_takes_what_lies_at_it():
     numbers = {f.name for f in fields(ControllerSettings) if isinstance(f.default, float)}
     by_others = {"lead", "stiffness", "damping"}  # the loop refuses them
-    assert numbers - by_others == ABOVE_0 | set(LEAST)
-    for name in ABOVE_0:
-        assert getattr(of(**{name: 1e-6}), name) == 1e-6
-        with pytest.raises(ConfigurationError, match=f"~{name} is 0.0, must be > 0"):
-            of(**{name: 0})
-    for name, bound in LEAST.items():
-        assert getattr(of(**{name: bound}), name) == bound
-        with pytest.raises(ConfigurationError, match=f"~{name} is .*, must be >= {bound:g}"):
-            of(**{name: bound - 1e-6})
-    for name, bound in MOST.items():
-        assert getattr(of(**{name: bound}), name) == bound
-        with pytest.raises(ConfigurationError, match=f"~{name} is .*, must be <= {bound:g}"):
-            of(**{name: 1.01 * bound})
-
-
-def test_settings_of_the_loop_alone_have_bounds_too():
-    least = ("arrived", "push", "settle", "lag", "delay", "watchdog_images", "lead", "stiffness",
-             "damping")  # fmt: skip
-    above = ("hold", "approach_speed", "longest_step", "watchdog", "stop_time", "resolve_period",
-             "duration")  # fmt: skip
-    for names, edge, beyond in ((least, 0.0, -1e-6), (above, 1e-6, 0.0)):
-        for name in names:
-            assert getattr(ServoSettings(**{name: edge}), name) == edge
-            with pytest.raises(ConfigurationError, match=name):
-                ServoSettings(**{name: beyond})
-    for name, most in (("approach_speed", 1.0), ("stop_time", 10.0)):
-        assert getattr(ServoSettings(**{name: most}), name) == most
-        with pytest.raises(ConfigurationError, match=name):
-            ServoSettings(**{name: 1.01 * most})
+    assert numbers - by_others == {*ABOVE_0, *LEAST}
+    loop_most = [("approach_speed", 1.0), ("stop_time", 10.0)]
+    for make, bounds in (
+        (of, [*((name, 1e-6, 0.0, "must be > 0") for name in ABOVE_0),
+              *((name, at, at - 1e-6, f"must be >= {at:g}") for name, at in LEAST.items()),
+              *((name, at, 1.01 * at, f"must be <= {at:g}") for name, at in MOST.items())]),
+        (ServoSettings, [*((name, 0.0, -1e-6, "") for name in LOOP_LEAST),
+                         *((name, 1e-6, 0.0, "") for name in LOOP_ABOVE_0),
+                         *((name, most, 1.01 * most, "") for name, most in loop_most)]),
+    ):  # fmt: skip
+        for name, edge, beyond, words in bounds:
+            assert getattr(make(**{name: edge}), name) == edge
+            with pytest.raises(ConfigurationError, match=f"{name}.*{words}"):
+                make(**{name: beyond})
 
 
 @pytest.mark.parametrize(("given", "words"), [
-    ({"scheme": "momnts"}, "unknown scheme 'momnts': did you mean 'moments'"),
-    ({"law": "adaptve"}, "did you mean 'adaptive'"),
     ({"gain": 1e6}, "law proportional: gain is 1000000.0, must be <= 1000 1/s"),
     ({"law": "adaptive", "gain": 2.0}, "law 'adaptive' takes no 'gain': use one of"),
     ({"start": "2017"}, "~start is '2017': did you mean '201"),
@@ -177,7 +163,6 @@ def test_settings_of_the_loop_alone_have_bounds_too():
     ({"stiffness": [1.0, 2.0]}, "stiffness is .1.0, 2.0., must be one number, or a number for "
                                 "each"),
     ({"camera_frame": "camera"}, "did you mean 'camera_link'"),
-    ({"interaction": "meen"}, "unknown interaction 'meen': did you mean 'mean'"),
 ])  # fmt: skip
 def test_what_cannot_be_built_is_named(given, words):
     with pytest.raises(ConfigurationError, match=words):
@@ -222,14 +207,35 @@ def test_a_start_of_two_joints_is_taken_as_words_or_by_name_or_by_the_camera_s_p
         assert found == pytest.approx([0.6, turn], abs=1e-6)
 
 
-def test_laws_and_schemes_get_their_numbers(arm):
-    given = {"law": "adaptive", "law_options": {"zero": 6.0}, "continuous_start": 3.0}
-    loop = of(**given, start="none").make_servo(arm)
-    law = loop.scheme.law
-    assert law.mu == 3.0 and law.law.zero == 6.0 and law.law.slope == 30.0
-    assert of(hold_gain=2.5, start="none").make_servo(arm).differential_ik.settings.hold_gain == 2.5
-    diagonal = of(law="diagonal", law_options={"values": [1, 2, 3, 4]}).make_law()
-    assert diagonal.values == (1.0, 2.0, 3.0, 4.0)
+@pytest.mark.parametrize(("given", "read", "expected"), [
+    ({"law": "adaptive", "law_options": {"zero": 6.0}, "continuous_start": 3.0},
+     lambda loop: (loop.scheme.law.mu, loop.scheme.law.law.zero, loop.scheme.law.law.slope),
+     (3.0, 6.0, 30.0)),
+    ({"law": "diagonal", "law_options": {"values": [1, 2, 3, 4]}},
+     lambda loop: loop.scheme.law.values, (1.0, 2.0, 3.0, 4.0)),
+    ({"interaction": "mean", "smoothing": 0.25, "law": "adaptive"},
+     lambda loop: (loop.scheme.interaction, loop.scheme.smoothing, loop.scheme.law.zero),
+     ("mean", 0.25, 5.0)),
+    ({"hold_gain": 2.5}, lambda loop: loop.differential_ik.settings.hold_gain, 2.5),
+    # what is said for one joint leaves the others theirs
+    ({"lead": {"J1": 0.1}}, lambda loop: loop.settings.lead, (0.05, 0.1, 0.05, 0.05, 0.05, 0.05)),
+    ({"stiffness": {"J2": 3.0}}, lambda loop: loop.settings.stiffness, (0, 0, 3.0, 0, 0, 0)),
+    ({"duration": 2.5}, lambda loop: loop.settings.duration, 2.5),
+    ({}, lambda loop: (loop.settings.duration, *kinds(loop)), (np.inf, JointLimitAvoidance)),
+    ({"limit_avoidance": False}, lambda loop: kinds(loop), ()),
+    ({"posture": {"J1": 0.1}, "posture_gain": 2.0}, lambda loop: kinds(loop),
+     (PostureTask, JointLimitAvoidance)),
+    ({"singularity_avoidance": True}, lambda loop: kinds(loop),
+     (JointLimitAvoidance, SingularityAvoidance)),
+    ({"elbow": 1}, lambda loop: loop.differential_ik.elbows[0].bend_side, 1.0),
+])  # fmt: skip
+def test_the_loop_gets_what_is_given(arm, given, read, expected):
+    assert read(of(**given, start="none").make_servo(arm)) == expected
+
+
+def kinds(loop):
+    """Return the types of the loop's secondary tasks."""
+    return tuple(type(task) for task in loop.differential_ik.tasks)
 
 
 def test_of_joints_that_are_not_used_the_robot_s_parameters_say_nothing(arm):
@@ -259,50 +265,36 @@ def test_an_arm_whose_speed_nothing_limits_is_not_moved():
     replace(settings, max_velocity={"J2": 1.0}).make_servo(arm)
 
 
-def test_what_is_said_for_one_joint_leaves_the_others_theirs(arm):
-    loop = of(lead={"J1": 0.1}, stiffness={"J2": 3.0}, start="none").make_servo(arm)
-    assert loop.settings.lead == (0.05, 0.1, 0.05, 0.05, 0.05, 0.05)
-    assert loop.settings.stiffness == (0.0, 0.0, 3.0, 0.0, 0.0, 0.0)
-
-
 def test_a_user_s_own_law_takes_the_gain_that_is_given(tmp_path, monkeypatch):
     (tmp_path / "own_law.py").write_text(
         "from aras_visual_servo_controller.laws import Law\n"
-        "class Fast(Law):\n"
-        "    gain: float = 8.0\n"
-        "    def desired_error_rate(self, error, L, rotated_error, t, dt):\n"
-        "        return -self.gain * error\n"
         "class Plain(Law):\n"
         "    def desired_error_rate(self, error, L, rotated_error, t, dt): return -error\n"
+        "class Fast(Plain):\n"
+        "    gain: float = 8.0\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
     assert of(law="own_law:Fast").make_law().gain == 8.0
     assert of(law="own_law:Fast", gain=3.0).make_law().gain == 3.0
     assert of(law="own_law:Fast", gain=3.0, ramp=0.1).make_law().law.gain == 3.0
     assert of(law="own_law:Plain").make_law().list_tunable_parameters() == {}
-    with pytest.raises(ConfigurationError, match=r"'own_law:Plain' takes no 'gain'"):
-        of(law="own_law:Plain", gain=3.0).make_law()
+    for settings, words in (
+        (of(law="own_law:Plain", gain=3.0), r"'own_law:Plain' takes no 'gain'"),
+        (ControllerSettings(law_options={1: 2.0}), "~law_options: 1 is not a parameter of a law$"),
+    ):
+        with pytest.raises(ConfigurationError, match=words):
+            settings.make_law()
 
 
 def test_defaults_of_the_loop_are_those_of_its_parameters():
-    plain, loop = ControllerSettings(), ServoSettings()
-    shared = {field.name for field in fields(ControllerSettings)} & {
-        f.name for f in fields(ServoSettings)
-    }
+    plain, loop = vars(ControllerSettings()), vars(ServoSettings())
+    shared = plain.keys() & loop.keys()
     assert shared >= {"hold", "lead", "watchdog", "output", "start", "duration"}
-    same = shared - {"start", "duration"}  # of a run without end one says 0, the other inf
-    assert all(getattr(plain, name) == getattr(loop, name) for name in same)
+    # of a run without end one says 0, the other inf
+    assert all(plain[name] == loop[name] for name in shared - {"start", "duration"})
 
 
-def test_options_of_the_scheme_and_of_the_law_are_handed_on(arm):
-    scheme = of(interaction="mean", smoothing=0.25, law="adaptive").make_scheme()
-    assert (scheme.interaction, scheme.smoothing, scheme.law.zero) == ("mean", 0.25, 5.0)
-    with pytest.raises(ConfigurationError, match="~law_options: 1 is not a parameter of a law$"):
-        ControllerSettings(law_options={1: 2.0}).make_law()
-
-
-def test_options_of_the_tracker_are_passed_to_it(tmp_path, monkeypatch):
-    assert of(tracker="dots", tracker_options={"count": 3}).make_tracker().count == 3
+def test_trackers_by_name_and_their_options(tmp_path, monkeypatch):
     (tmp_path / "their_tracker.py").write_text(
         "from aras_visual_servo_controller import Tracker\n\n\n"
         "class Ring(Tracker):\n"
@@ -311,32 +303,31 @@ def test_options_of_the_tracker_are_passed_to_it(tmp_path, monkeypatch):
         "        raise NotImplementedError\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
-    # `hold` is also a parameter of the controller, which does not concern the tracker
-    assert of(tracker="their_tracker:Ring").make_tracker().hold == 0.25
-    ring = of(tracker="their_tracker:Ring", tracker_options={"hold": 4}).make_tracker()
-    assert ring.hold == 4.0
+    dots, ring = "aras_visual_servo_camera.trackers.dots:DotTracker", "their_tracker:Ring"
+    assert of().make_tracker() is None and type(of(tracker=dots).make_tracker()) is TRACKERS["dots"]
+    for given, name, expected in (
+        ({"tracker": "dots", "tracker_options": {"count": 3}}, "count", 3),
+        # `hold` is also a parameter of the controller, which does not concern the tracker
+        ({"tracker": ring}, "hold", 0.25),
+        ({"tracker": ring, "tracker_options": {"hold": 4}}, "hold", 4),
+    ):
+        assert getattr(of(**given).make_tracker(), name) == expected
+    for given, number in (({"marker": "DICT_5X5_100:5"}, 5), ({}, 7)):
+        marker = of(tracker="marker", **given).make_tracker("DICT_5X5_100:7")
+        assert marker.choice.number == number
     for given, words in (
+        ({"tracker": "dotts"}, "did you mean 'dots'"),
+        ({"tracker": "math:pi"}, "derived from Tracker"),
+        ({"tracker": "model"}, "model_start must define the start pose"),
+        ({"scheme": "points+model@left"}, "model_start must define the start pose"),
         ({"tracker": "dots", "tracker_options": {"cuont": 3}}, "did you mean 'count'"),
         ({"tracker": "dots", "tracker_options": {"count": 0}}, "count is 0, must be >= 1"),
         ({"tracker": "marker", "tracker_options": {"marker": "5"}}, "set ~marker instead"),
         ({"tracker_options": {"count": 3}}, "'outline' has no options"),
-    ):
+    ):  # fmt: skip
         with pytest.raises(ConfigurationError, match=words):
             of(**given).make_tracker()
     sys.modules.pop("their_tracker")
-
-
-def test_secondary_tasks_are_those_that_are_asked_for(arm):
-    for given, kinds in (
-        ({}, [JointLimitAvoidance]), ({"limit_avoidance": False}, []),
-        ({"posture": {"J1": 0.1}, "posture_gain": 2.0}, [PostureTask, JointLimitAvoidance]),
-        ({"singularity_avoidance": True}, [JointLimitAvoidance, SingularityAvoidance]),
-    ):  # fmt: skip
-        settings = of(**given)
-        assert [
-            type(t) for t in settings.make_differential_ik(arm, settings.make_limits(arm)).tasks
-        ] == kinds
-    assert of(elbow=1).make_differential_ik(arm, of().make_limits(arm)).elbows[0].bend_side == 1.0
 
 
 def test_controllers_of_joints_that_are_not_used_may_be_named():
@@ -357,39 +348,16 @@ def test_a_start_by_a_pose_is_looked_for_from_the_posture_at_the_goal(arm, tmp_p
     assert np.subtract(*starts[::-1])[5] == pytest.approx(2.0 * np.pi, abs=1e-3)
 
 
-def test_a_run_has_its_end(arm):
-    assert of(duration=2.5).make_servo(arm).settings.duration == 2.5
-    assert of().make_servo(arm).settings.duration == np.inf
-
-
 def test_each_camera_s_observer_knows_what_it_needs_and_its_goal_s_plane(arm):
     settings = of(scheme="points@left+area@right", cameras={"left": {}, "right": {}})
-    scheme, pose = settings.make_scheme(), arm.pose(np.zeros(6))
-    made = settings.make_camera_rig({"left": arm, "right": None}, scheme)
+    scheme, pose, arms = settings.make_scheme(), arm.pose(np.zeros(6)), {"left": arm, "right": None}
+    made = settings.make_camera_rig(arms, scheme)
     assert [o.needs for o in made.observers.values()] == [{Need.CORNERS}, {Need.MOMENTS}]
     assert made.control.arm is arm and made.observers["right"].arm is None
     assert made.control.compute_plane is None
     goal = of(desired="2016").load_goal().for_cameras({"left": arm})
-    made = replace(settings, depth_image=True).make_camera_rig(
-        {"left": arm, "right": None}, scheme, goal
-    )
+    made = replace(settings, depth_image=True).make_camera_rig(arms, scheme, goal)
     assert made.control.needs == {Need.CORNERS, Need.DEPTH}
     assert made.control.compute_plane(pose) == goal.compute_plane(pose) is not None
     assert made.observers["right"].compute_plane is None
     assert made.observers["right"].needs == {Need.MOMENTS, Need.DEPTH}
-
-
-def test_trackers_by_name():
-    assert of().make_tracker() is None
-    assert isinstance(of(tracker="dots").make_tracker(), TRACKERS["dots"])
-    marker = of(tracker="marker", marker="DICT_5X5_100:5").make_tracker("DICT_5X5_100:7")
-    assert marker.choice.number == 5
-    assert of(tracker="marker").make_tracker("DICT_5X5_100:7").choice.number == 7
-    own = "aras_visual_servo_camera.trackers.dots:DotTracker"
-    assert isinstance(of(tracker=own).make_tracker(), TRACKERS["dots"])
-    for tracker, words in (("dotts", "did you mean 'dots'"), ("math:pi", "derived from Tracker")):
-        with pytest.raises(ConfigurationError, match=words):
-            of(tracker=tracker).make_tracker()
-    for given in ({"tracker": "model"}, {"scheme": "points+model@left"}):
-        with pytest.raises(ConfigurationError, match="model_start must define the start pose"):
-            of(**given).make_tracker()

@@ -42,10 +42,19 @@ def distance(place):
     return float(np.linalg.norm(place @ np.linalg.inv(GOAL) - np.eye(4)))
 
 
-@pytest.mark.parametrize("name", SOME)
-def test_it_comes_to_its_goal(name):
-    way, _ = fly(name, images=400 if name == "partitioned" else 120)
+@pytest.mark.parametrize(("name", "interaction"), [
+    *((name, {}) for name in SOME), ("numbered_points", {"interaction": "desired"}),
+    ("numbered_points", {"interaction": "mean"}),
+])  # fmt: skip
+def test_it_comes_to_its_goal(name, interaction):
+    way, _ = fly(name, images=400 if name == "partitioned" else 200, **interaction)
     assert distance(way[-1]) < 5e-3 * distance(way[0])
+    if interaction:
+        (which,) = interaction.values()
+        now, then, began = (fly(name, images=1, interaction=one)[1].L
+                            for one in ("current", "desired", which))  # fmt: skip
+        expected = then if which == "desired" else (now + then) / 2
+        np.testing.assert_allclose(began, expected)
 
 
 def test_the_laboratorys_gains_are_in_its_own_ratio():
@@ -58,24 +67,6 @@ def test_the_laboratorys_gains_are_in_its_own_ratio():
     towards = decision.error + decision.error[3] * np.array([yn, -xn, 0.0, 0.0])
     expected = np.array([140.0, 120.0, 60.0, 30.0]) / 140.0 * towards
     assert decision.task.twist[[0, 1, 2, 5]] == pytest.approx(expected, abs=1e-12)
-
-
-def test_what_sees_less_than_the_pose_comes_to_its_own_goal(name="ellipse"):
-    near = pose((0.03, -0.04, 0.78), (0.13, -0.12, 0.2))
-    (_, first), (_, last) = fly(name, near, images=1), fly(name, near, images=300)
-    tolerances = np.array(create_scheme(name).tolerances)
-    assert np.abs(first.error / tolerances).max() > 5.0
-    assert np.abs(last.error / tolerances).max() < 0.5
-
-
-@pytest.mark.parametrize("interaction", ["desired", "mean"])
-def test_points_with_another_interaction_matrix(interaction):
-    way, decision = fly("numbered_points", interaction=interaction)
-    assert distance(way[-1]) < 5e-3 * distance(way[0])
-    now, then = (fly("numbered_points", images=1, interaction=which)[1].L
-                 for which in ("current", "desired"))  # fmt: skip
-    began = fly("numbered_points", images=1, interaction=interaction)[1].L
-    np.testing.assert_allclose(began, then if interaction == "desired" else (now + then) / 2)
 
 
 @pytest.mark.parametrize("name", ["moments_2016", "partitioned", "numbered_points"])
@@ -105,13 +96,17 @@ class Asked(Proportional):
         return -np.linspace(0.7, 1.3, len(given[0])) * given[0]
 
 
-def test_partitioned_takes_a_target_that_is_seen_very_small():
-    small, scheme = 1e-4 * CORNERS, create_scheme("partitioned", Proportional(1.0))
-    observer = FeatureObserver(None, scheme.needs)
+def test_schemes_of_what_is_very_small_or_very_far():
+    """Partitioned takes the one, and the predictive scheme keeps to its speeds before the other."""
+    scheme, observer, _ = taught("partitioned", law=Proportional(1.0))
     at = [pose((0.0, 0.0, z), (0.0, 0.0, 0.0)) for z in (0.6, 0.9)]
-    goal = Goal.teach(scheme, look(observer, at[0], corners=small))
-    twist = scheme.compute(look(observer, at[1], corners=small), goal, 0.0).task.twist
+    near, far = (look(observer, place, corners=1e-4 * CORNERS) for place in at)
+    twist = scheme.compute(far, Goal.teach(scheme, near), 0.0).task.twist
     assert twist[2] == pytest.approx(0.9 * np.log(0.9 / 0.6), rel=1e-6)
+    way, _ = fly("predictive", pose((0.3, 0.2, 2.5), (0.1, 0.1, 0.3)), images=20, gain=20.0)
+    centres = [np.linalg.inv(place)[:3, 3] for place in way]
+    speeds = np.linalg.norm(np.diff(centres, axis=0), axis=1) / 0.04
+    assert speeds.max() <= np.sqrt(3) * taught("predictive")[2].distance + 1e-6
 
 
 @pytest.mark.parametrize("rate", [0.0, 0.3 * np.array([1.0, -2.0, 0.5, 0.2, -1.0, 0.7, 0.1, 0.4])])
@@ -224,11 +219,3 @@ def test_the_predictive_scheme_does_nothing_of_which_the_points_tell_nothing():
     blind = np.linalg.svd(decision.L * depths)[2][5]
     assert np.abs(decision.L @ (depths * blind)).max() < 1e-9
     assert blind @ (decision.task.twist / depths) == pytest.approx(0.0, abs=1e-6)
-
-
-def test_the_predictive_scheme_keeps_to_its_speeds():
-    far = pose((0.3, 0.2, 2.5), (0.1, 0.1, 0.3))
-    way, _ = fly("predictive", far, images=20, gain=20.0)
-    centres = [np.linalg.inv(place)[:3, 3] for place in way]
-    speeds = np.linalg.norm(np.diff(centres, axis=0), axis=1) / 0.04
-    assert speeds.max() <= np.sqrt(3) * taught("predictive")[2].distance + 1e-6

@@ -97,10 +97,3 @@ def test_a_scheme_with_its_own_eyes_decides_itself_what_is_valid():
         "own_corners: no dark shape in the image"
     }
     assert states[-1].phase == "servoing"
-
-
-def test_the_second_orders_limits_hold():
-    rig = closed("second_order:SecondOrder", STARTS["2016"])
-    rig.run(1.0)
-    speed = np.diff([c.positions for c in rig.commands], axis=0) / 0.01
-    assert (np.abs(speed) <= rig.servo.differential_ik.limits.velocity * (1 + 1e-9)).all()

@@ -123,6 +123,12 @@ def test_it_goes_to_its_start_and_to_the_goal():
     joints, commands = bench.seen[-1]
     assert joints.stamp == pytest.approx(bench.states[-1].stamp)
     assert all(command.stamp >= joints.stamp for command in commands)
+    # The missing camera is the one that is waited for.
+    bench.driver.set_source("right", ImageSource("images", "/right", "somebody"))
+    for lacking, what in (("right", "images"), ("", "features"), ("left", "features")):
+        bench.driver.camera_rig.missing_camera = lacking
+        bench.step(3)
+        assert bench.servo.source.content == what
 
 
 def test_lockstep_sends_once_an_image_and_never_between():
@@ -256,15 +262,24 @@ def test_images_of_another_clock_are_named():
     for _ in range(200):
         bench.step(1, image_stamp=bench.t + 1.0 + DT)
     assert bench.servo.phase == "waiting" and len(bench.sent) == 1  # where the arm stands
+    clocks = "the clock (check that both use the same use_sim_time)"
     assert {state.reason for state in bench.states} == {
-        "", f"features on {FEATURES} are stamped 1.00 s ahead of the clock (check that both use "
-        "the same use_sim_time)"}
+        "", f"features on {FEATURES} are stamped 1.00 s ahead of {clocks}"}
     bench.step(30, phase="servoing")
     assert "ahead" not in bench.states[-1].reason
-    bench.images, count = False, len(bench.states)
+    bench.images = False
+    bench.states.clear()
     bench.step(200)
-    reasons = " ".join(state.reason for state in bench.states[count:])
+    reasons = " ".join(state.reason for state in bench.states)
     assert "is the camera node running" in reasons and "ahead" not in reasons
+    # Joint states that are all stamped by another clock are named once.
+    for lead, where in ((7.25, "7.25 s ahead of"), (-0.75, "0.75 s behind")):
+        bench = Bench(gain=0.5)
+        for _ in range(120):
+            bench.step(1, stamp=bench.t + DT + lead)
+        assert bench.servo.phase == "servoing" and bench.words == [
+            f"joint states on {JOINT_STATES} are stamped {where} {clocks}; used as of their "
+            "arrival"]
 
 
 @pytest.mark.parametrize("stamp", [0.0, -3.0, np.nan])
@@ -373,16 +388,6 @@ def test_joint_states_of_other_joints_on_the_topic_are_no_fault():
     states = with_second_publisher(bench, 2.0, names=("finger",))
     assert states[-1].outcome == "unusable_joint_states"
     assert "joint states lack gantry" in states[-1].reason
-
-
-@pytest.mark.parametrize(("lead", "where"), [(7.25, "7.25 s ahead of"), (-0.75, "0.75 s behind")])
-def test_joint_states_that_are_all_stamped_by_another_clock_are_named_once(lead, where):
-    bench = Bench(gain=0.5)
-    for _ in range(120):
-        bench.step(1, stamp=bench.t + DT + lead)
-    assert bench.servo.phase == "servoing"
-    assert bench.words == [f"joint states on {JOINT_STATES} are stamped {where} the clock (check "
-                           "that both use the same use_sim_time); used as of their arrival"]
 
 
 @pytest.mark.parametrize(("silent", "seconds", "kind"), [
@@ -570,10 +575,13 @@ def test_a_loop_without_images_that_is_stopped_stays_so_when_they_come_again(ord
 @pytest.mark.parametrize(("joint", "jumps"), [(0, True), (1, False)])
 def test_joints_jump_by_parts_of_their_own_leads(joint, jumps):
     bench = servoing(lead=(0.1, 0.4, 0.05, 0.05, 0.05, 0.05))
-    q, still = bench.q.copy(), np.zeros(6)
-    bench.tell(bench.arm.names, q, still, bench.t + 0.01)
+    bench.step(1)
+    told(bench, bench.t, bench.q + 0.3)
+    assert bench.servo.is_only_executing  # a second state of one stamp changes nothing
+    q = bench.q.copy()
+    told(bench, bench.t + 0.01, q.copy())
     q[joint] += 0.1  # two parts of three between half of the one's and half of the other's
-    bench.tell(bench.arm.names, q, still, bench.t + 0.02)
+    told(bench, bench.t + 0.01, q)
     assert (np.abs(bench.servo.command - q)[joint] < 0.05) == jumps  # it goes on from there
 
 
@@ -691,17 +699,6 @@ def test_without_images_it_reports_at_a_camera_s_pace():
     assert (np.abs(bench.states[-1].command - bench.q) > 1e-3).any()
 
 
-def test_a_second_joint_state_of_one_stamp_changes_nothing():
-    bench = servoing()
-    bench.step(1)
-    count = len(bench.states)
-    assert bench.servo.is_only_executing
-    told(bench, bench.t, bench.q + 0.3)
-    assert bench.servo.is_only_executing  # the joints have not jumped
-    bench.step(1)
-    assert {bench.servo.phase, *(state.phase for state in bench.states[count:])} == {"servoing"}
-
-
 @pytest.mark.parametrize(("watchdog", "blind"), [(0.01, 0.05), (0.25, 0.25)])
 def test_time_goes_on_by_the_clock_for_a_moment_without_joint_states(watchdog, blind):
     """From a twentieth of a second on, up to the watchdog; no less than that."""
@@ -764,15 +761,6 @@ def test_an_answer_moves_time_on_in_lockstep_alone(lockstep):
     bench.look(then)
     way = 0.5 * DT * joints.velocities if lockstep else 0.5 * (bench.q + 0.01 - joints.positions)
     np.testing.assert_allclose(bench.seen[-1][0].positions - joints.positions, way, atol=1e-12)
-
-
-def test_the_missing_camera_is_the_one_that_is_waited_for():
-    bench = servoing()
-    bench.driver.set_source("right", ImageSource("images", "/right", "somebody"))
-    for lacking, what in (("right", "images"), ("", "features"), ("left", "features")):
-        bench.driver.camera_rig.missing_camera = lacking
-        bench.step(3)
-        assert bench.servo.source.content == what
 
 
 def test_velocities_are_sent_with_each_joint_state_also_of_an_arm_that_stands():

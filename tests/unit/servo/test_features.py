@@ -25,6 +25,7 @@ CAMERA = CameraModel(320, 240, (200.0, 0, 158.3, 0, 201.0, 121.6, 0, 0, 1))
 OUTLINE = np.array(
     [[-25, -25], [25, -25], [25, -7.5], [37.5, -7.5], [37.5, 17.5], [25, 17.5], [25, 25], [-25, 25]]
 ) / 1000.0  # fmt: skip
+SMALL = CameraModel(320, 240, (102.7, 0, 159.5, 0, 102.7, 119.5, 0, 0, 1))
 SQUARE = 0.03 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], float)
 GOAL = pose((0.004, -0.003, 0.2), np.radians((2.0, -3.0, 5.0)))
 VIEWS = {
@@ -263,15 +264,6 @@ def test_a_square_is_followed_corner_by_corner():
     np.testing.assert_allclose(found, turns, atol=1e-9)
 
 
-def test_a_rectangle_far_aside_leaves_half_a_turn_open_and_no_quarter():
-    feature, shape = FEATURES.create("points"), SQUARE * (1.5, 1.0)
-    for at, there in ((0.0, 0.3), (0.3, 0.0)):
-        goal = taught(feature, shape, pose((at, 0, 0.2), (0, 0, 0)))
-        feature.check(goal)
-        seen = look(feature.needs, pose((there, -0.2, 0.2), (0, 0, 0.2)), shape)
-        assert feature.measure(seen, goal).ambiguity == "180°"
-
-
 @pytest.mark.parametrize("size", [0.1, 10.0])
 @pytest.mark.parametrize(("shape", "open_"), [
     (SQUARE, "90°"), (SQUARE * (1.5, 1.0), "180°"), (np.vstack([SQUARE[:3], [[-0.05, 0.0]]]), ""),
@@ -283,6 +275,10 @@ def test_what_stays_open_does_not_depend_on_how_large_the_target_is_seen(shape, 
     found = feature.measure(replace(seen, corners=size * seen.corners, is_numbered=False), goal)
     assert found.ambiguity == open_
     np.testing.assert_array_equal(found.s, size * seen.corners.ravel())
+    for at, there in ((0.0, 0.3), (0.3, 0.0)):  # nor on how far aside
+        goal = taught(feature, shape, pose((at, 0, 0.2), (0, 0, 0)))
+        seen = look(feature.needs, pose((there, -0.2, 0.2), (0, 0, 0.2)), shape)
+        assert open_ != "180°" or feature.measure(seen, goal).ambiguity == open_
 
 
 @pytest.mark.parametrize("name", ["points", "segments", "pose"])
@@ -402,15 +398,14 @@ def test_points_that_are_not_finite_are_refused():
 
 
 def test_a_ratio_is_a_number_above_0_for_each_feature():
+    feature, seen = FEATURES.create("moments"), look(FEATURES["moments"].needs, VIEWS["near"])
     for ratio in ((1.0, 1.0, 1.0), (1.0, 0.0, 1.0, 1.0), (1.0, -1.0, 1.0, 1.0)):
         with pytest.raises(ConfigurationError, match="one number above 0 for each of xn, yn"):
-            FeatureScheme(FEATURES.create("moments"), ratio=ratio)
-    feature, rates = FEATURES.create("moments"), []
-    for ratio in (None, (1.0, 0.5, 1e-3, 7.0)):
-        scheme = FeatureScheme(feature, Proportional(0.8), ratio=ratio)
-        seen = look(feature.needs, VIEWS["near"])
-        rates.append(scheme.compute(seen, taught(feature), 0.0).task.desired_rate)
-    np.testing.assert_allclose(rates[1], rates[0] * ratio, rtol=1e-12)
+            FeatureScheme(feature, ratio=ratio)
+    ratio = (1.0, 0.5, 1e-3, 7.0)
+    plain, scaled = (FeatureScheme(feature, Proportional(0.8), ratio=one).compute(
+        seen, taught(feature), 0.0).task.desired_rate for one in (None, ratio))  # fmt: skip
+    np.testing.assert_allclose(scaled, plain * ratio, rtol=1e-12)
 
 
 TILTED = pose((0.012, -0.02, 0.3), (0.25, -0.3, 0.4))
@@ -450,32 +445,18 @@ def test_the_plane_is_known_from_both_its_sides_and_not_in_it():
     for depth in (0.19, 0.21):
         seen = goal.compute_plane(pose((0.0, 0.0, depth), (0.1, 0, 0)))
         np.testing.assert_allclose(seen, np.array([0.0, np.sin(0.1), np.cos(0.1)]) / (0.2 - depth))
-    assert goal.compute_plane(pose((0.1, 0.3, 0.2), (0.1, 0, 0))) is None
-    assert replace(goal, plane=None).compute_plane(np.eye(4)) is None
-    assert replace(goal, world_T_camera=None).compute_plane(np.eye(4)) is None
-
-
-def test_a_point_that_is_infinitely_far_away_is_refused():
-    with pytest.raises(MeasurementError, match="behind the camera"):
+    for one, place in ((goal, pose((0.1, 0.3, 0.2), (0.1, 0, 0))),
+                       (replace(goal, plane=None), np.eye(4)),
+                       (replace(goal, world_T_camera=None), np.eye(4))):  # fmt: skip
+        assert one.compute_plane(place) is None
+    with pytest.raises(MeasurementError, match="behind the camera"):  # infinitely far away
         compute_inverse_depth(Plane(2.0, 0.0, 1.0), np.array([[0.3, 0.1], [-0.5, 0.1]]))
-
-
-def test_moments_take_the_depth_from_the_area_where_no_plane_is_measured():
-    """By it the loop tells a wrong focal length, which a plane of kinematics hides."""
-    feature = FEATURES.create("moments")
-    goal = taught(feature)
-    seen = look(feature.needs, TILTED)
-    assert seen.is_plane_measured
-    by_area = feature.measure(replace(seen, plane=None, is_plane_measured=False), goal).L
-    for plane, measured in ((Plane(0.0, 0.0, -5.0), True), (Plane(0.1, 0.2, 9.0), False)):
-        told = replace(seen, plane=plane, is_plane_measured=measured)
-        np.testing.assert_array_equal(feature.measure(told, goal).L, by_area)
-    assert not np.allclose(feature.measure(seen, goal).L, by_area)
 
 
 @pytest.mark.parametrize("posed", [True, False])
 def test_the_depth_of_the_area_is_the_goals_own_at_the_goal(posed):
-    """Far off the axis of a camera that leans both ways, and on the way to it."""
+    """Far off the axis of a camera that leans both ways, and on the way to it; by it the loop tells
+    a wrong focal length, which a plane of kinematics hides."""
     feature = FEATURES.create("moments")
     aside = pose((0.1, -0.05, 0.3), (0.4, 0.3, 0.2))
     goal = taught(feature, view=aside)
@@ -484,13 +465,20 @@ def test_the_depth_of_the_area_is_the_goals_own_at_the_goal(posed):
     feature.check(goal)
     found = feature.measure(look(feature.needs, aside, plane=False), goal)
     np.testing.assert_allclose(found.L, feature.desired_interaction(goal), rtol=1e-9, atol=1e-9)
-    if posed:  # the area of a small patch goes with its distance and its slant
-        small = 0.1 * OUTLINE
-        goal, on = taught(feature, small, aside), pose((-0.06, 0.1, 0.5), (-0.3, 0.5, 1.0))
-        exact, by_area = (feature.measure(look(feature.needs, on, small, plane=plane), goal)
-                          for plane in (True, False))  # fmt: skip
-        scale = np.abs(exact.L).max(axis=1, keepdims=True)
-        np.testing.assert_allclose(by_area.L / scale, exact.L / scale, atol=1e-3)
+    if not posed:
+        return
+    # the area of a small patch goes with its distance and its slant
+    small = 0.1 * OUTLINE
+    goal, on = taught(feature, small, aside), pose((-0.06, 0.1, 0.5), (-0.3, 0.5, 1.0))
+    seen = look(feature.needs, on, small)
+    exact = feature.measure(seen, goal).L
+    by_area = feature.measure(look(feature.needs, on, small, plane=False), goal).L
+    scale = np.abs(exact).max(axis=1, keepdims=True)
+    np.testing.assert_allclose(by_area / scale, exact / scale, atol=1e-3)
+    for plane, measured in ((Plane(0.0, 0.0, -5.0), True), (Plane(0.1, 0.2, 9.0), False)):
+        told = replace(seen, plane=plane, is_plane_measured=measured)
+        np.testing.assert_array_equal(feature.measure(told, goal).L, by_area)
+    assert seen.is_plane_measured and not np.array_equal(exact, by_area)
 
 
 def seen_with_depth(depth, needs=frozenset((Need.CORNERS, Need.DEPTH)), **options):
@@ -561,14 +549,13 @@ def test_a_feature_is_as_long_as_the_goal_that_it_was_checked_with(name, each, e
 @pytest.mark.parametrize("name", ["points", "moments", "kernel"])
 def test_a_goal_without_the_depth_of_its_target_is_refused(name):
     feature = FEATURES.create(name)
-    lens = CameraModel(320, 240, (102.7, 0, 159.5, 0, 102.7, 119.5, 0, 0, 1))
-    by_kernel = Goal.teach(None, kernel_view(lens, GOAL), depth=0.2)
-    goal = replace(taught(feature), kernel=by_kernel.kernel)
+    kernel = Goal.teach(None, kernel_view(SMALL, GOAL), depth=0.2).kernel
+    goal = replace(taught(feature), kernel=kernel)
     feature.check(goal)
     with pytest.raises(ConfigurationError, match="goal contains no depth of the target: teach"):
         feature.check(replace(goal, depth=None, plane=None))
-    nothing = replace(goal.kernel, features=np.array([1.0, 1.0, 0.0, 0.1]))
     if name == "kernel":
+        nothing = replace(kernel, features=np.array([1.0, 1.0, 0.0, 0.1]))
         with pytest.raises(ConfigurationError, match="kernel features 0 to 2 must be above 0"):
             feature.check(replace(goal, kernel=nothing))
 
@@ -681,36 +668,31 @@ def test_the_kernels_interaction_matrix_is_the_derivative(way, turn, fx, fy, row
 
 
 def test_kernel_features_refuse_another_camera_a_dirty_ground_and_emptiness():
-    camera = CameraModel(320, 240, (102.7, 0, 159.5, 0, 102.7, 119.5, 0, 0, 1))
     feature = FEATURES.create("kernel")
-    view = kernel_view(camera, pose((0.01, 0.02, 0.2), (0, 0, 0.3)))
+    view = kernel_view(SMALL, pose((0.01, 0.02, 0.2), (0, 0, 0.3)))
     goal = Goal.teach(None, view, depth=0.2)
     feature.check(goal)
     half = round(view.kernel[18] / (DELTA_X * DELTA_Y)) / 2.0
     for counted in (view.pixel_count, half):  # twice the target's pixels is not yet too many
         found = feature.measure(replace(view, pixel_count=counted), goal)
         np.testing.assert_allclose(found.error, 0.0, atol=1e-12)
-    turned = kernel_view(camera, pose((0.02, -0.01, 0.25), (0, 0, 0.9)))
-    found = feature.measure(turned, goal)
-    np.testing.assert_array_equal(found.s, turned.kernel[16:])
-    np.testing.assert_array_equal(found.desired, view.kernel[16:])
-    off = (turned.kernel - view.kernel)[16:]
-    expected = [*(off[:3] / view.kernel[16:19]), off[3]]  # the angle's is not of a part
+    turned = kernel_view(SMALL, pose((0.02, -0.01, 0.25), (0, 0, 0.9)))
+    found, now, then = feature.measure(turned, goal), turned.kernel[16:], view.kernel[16:]
+    np.testing.assert_array_equal([found.s, found.desired], [now, then])
+    expected = [*((now - then)[:3] / then[:3]), (now - then)[3]]  # the angle's is not of a part
     np.testing.assert_allclose(found.error, expected)
     assert found.ambiguity == "180°"
     accuracy = feature.accuracy(turned, goal)
     np.testing.assert_array_equal(accuracy, np.diag((0.01, 0.01, 0.02, 0.04)))
-    flat = np.r_[np.zeros(16), view.kernel[16:]]
-    other = replace(camera, K=(110.0, 0, 159.5, 0, 110.0, 119.5, 0, 0, 1))
     for change, words in (
-        ({"camera": other}, "taught with another camera"),
+        ({"camera": replace(SMALL, K=(110.0, 0, 159.5, 0, 110.0, 119.5, 0, 0, 1))},
+         "taught with another camera"),
         ({"pixel_count": 100}, "counts .* pixels of the target"),
-        ({"kernel": None}, "expected the 20 numbers"),
-        ({"kernel": np.zeros(4)}, "got 4"),
+        ({"kernel": None}, "expected the 20 numbers"), ({"kernel": np.zeros(4)}, "got 4"),
         ({"kernel": np.zeros(20)}, "not visible"),
-        ({"kernel": flat}, "Jacobian is singular"),
+        ({"kernel": np.r_[np.zeros(16), then]}, "Jacobian is singular"),
         ({"kernel": np.where(np.arange(20) == 3, np.nan, view.kernel)}, "not visible"),
-    ):
+    ):  # fmt: skip
         with pytest.raises(MeasurementError, match=words):
             feature.measure(replace(view, **change), goal)
     with pytest.raises(ConfigurationError, match="no kernel features"):

@@ -36,8 +36,7 @@ def look(observer, camera_T_object, stamp=0.0, corners=CORNERS):
     points = seen(camera_T_object, corners)
     return observer.observe_exact_features(
         stamp, CAMERA, contour=points, points=points, plane=plane,
-        world_T_camera=np.linalg.inv(camera_T_object),
-    )  # fmt: skip
+        world_T_camera=np.linalg.inv(camera_T_object))  # fmt: skip
 
 
 def moved(camera_T_object, twist):
@@ -134,8 +133,7 @@ def complex_moment(c, p, q):
 
 def basic(c):
     pairs = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
-    return np.array([integral(c, lambda z, i=i, j=j: z.real**i * z.imag**j).real
-                     for i, j in pairs])  # fmt: skip
+    return np.array([integral(c, lambda z, i=i, j=j: z.real**i * z.imag**j).real for i, j in pairs])
 
 
 def centred(c):

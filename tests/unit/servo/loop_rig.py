@@ -36,7 +36,6 @@ TICK = 0.01
 
 @cache
 def the_arm() -> Arm:
-    """Return the laboratory's arm, from its description."""
     return Arm.from_urdf(URDF.read_text())
 
 
@@ -65,9 +64,7 @@ def the_servo(
     if isinstance(scheme, str):
         scheme = create_scheme(scheme, law or Proportional(5.0), **(options or {}))
     limits = limits or the_limits()
-    resolver = ik(
-        arm, limits, [PostureTask(arm, {"J1": 0.0})], elbows=find_elbows(arm, {"J3": -1})
-    )
+    resolver = ik(arm, limits, [PostureTask(arm, {"J1": 0.0})], elbows=find_elbows(arm, {"J3": -1}))
     return Servo(scheme, arm, goal or the_goal(year), resolver, ServoSettings(**settings), clock)
 
 
@@ -101,8 +98,7 @@ class Rig:
     def __post_init__(self) -> None:
         self.q = np.array(self.q, float)
         self.observer = FeatureObserver(
-            self.servo.arm, self.servo.scheme.needs, compute_plane=self.servo.goal.compute_plane
-        )
+            self.servo.arm, self.servo.scheme.needs, compute_plane=self.servo.goal.compute_plane)
         self.now = 0.0
         self.target, self._speed = self.q.copy(), np.zeros(len(self.q))
         self._pending: list[Observation] = []
@@ -209,8 +205,6 @@ def a_solution(jacobian) -> IKSolution:
 
 
 class TolerantScheme(Scheme):
-    """A scheme with given tolerances and accuracy."""
-
     def __init__(self, tolerances, accuracy=None):
         self.tolerances, self.units = tolerances, ("",) * len(tolerances)
         self.feature_accuracy = accuracy

@@ -414,8 +414,7 @@ def test_an_arm_of_few_joints_leaves_open_what_it_can_move_alone():
 
 
 @pytest.mark.parametrize(
-    ("up_to", "turn"), [("180°", np.pi), ("90°", np.pi), ("120°", 2.0 * np.pi / 3.0)]
-)
+    ("up_to", "turn"), [("180°", np.pi), ("90°", np.pi), ("120°", 2.0 * np.pi / 3.0)])
 def test_a_symmetric_target_is_the_same_from_round_its_axis(up_to, turn):
     square = [[0.1, 0.0], [0.3, 0.0], [0.3, 0.2], [0.1, 0.2]]
     goal = Goal(features={"points": {"points": square}}, plane=Plane(0.0, 0.0, 4.0))

@@ -65,7 +65,6 @@ def test_small_motions_wraps_and_gaps_teach_nothing(error, image):
 
 @pytest.mark.parametrize(("jump", "learnt"), [(1.0, True), (-1.0, True), (1.01, False)])
 def test_what_changes_by_more_than_any_camera_makes_is_not_learnt(jump, learnt):
-    """Of the feature whose change is the greatest, up or down."""
     estimator, L = BroydenEstimator(1.0, floor=1e-9), np.zeros((2, 6))
     found = second(estimator, L, [0.5 + jump, 0.55], 10.0 * ALONG[1], begin=0.5)
     expected = [10.0 * jump, 0.5] if learnt else [0.0, 0.0]

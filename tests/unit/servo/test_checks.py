@@ -159,7 +159,6 @@ def of(corners):
 
 
 def said_of(seen, wanted, count=3):
-    """Return what is reported of the shape after each of `count` images."""
     evidence, see = ShapeCheck(), an_image(0.0, 0.1, moments=seen)
     return [evidence.add(see, Goal(moments=wanted)) for _ in range(count)]
 
@@ -323,8 +322,7 @@ TOLERANCES = np.full(COUNT, 1e-3)
 OUTLINE = np.array([[-0.1, -0.08], [0.1, -0.09], [0.08, 0.1], [-0.07, 0.06]])
 GOAL = Goal(
     moments=Moments.from_polygon(OUTLINE), depth=0.4,
-    world_T_camera=matrix_from_xyz_rpy((0, 0, 1), (0,) * 3),
-)  # fmt: skip
+    world_T_camera=matrix_from_xyz_rpy((0, 0, 1), (0,) * 3))  # fmt: skip
 
 
 def followed(images, error_of, check=None, rests=0, begin=0.0):
@@ -398,12 +396,10 @@ def test_another_number_of_features_starts_again_with_their_names():
 
 
 def view(area, stamp=0.0, height=1.0, touched_borders=()):
-    """An observation of the goal's target, of which a part is visible."""
     return an_image(
         stamp, DT, moments=Moments.from_polygon(np.sqrt(area) * OUTLINE),
         touched_borders=touched_borders,
-        world_T_camera=matrix_from_xyz_rpy((0, 0, height), (0,) * 3),
-    )  # fmt: skip
+        world_T_camera=matrix_from_xyz_rpy((0, 0, height), (0,) * 3))  # fmt: skip
 
 
 def test_a_part_that_disappears_inside_the_image_is_covered_until_it_comes_back():
@@ -454,7 +450,6 @@ def seen(corners, plane, accuracy=0.0):
 
 
 def sides(points, plane):
-    """Return the lengths of a polygon's sides, from small to large."""
     rays = np.column_stack([points, np.ones(len(points))])
     places = rays / (rays @ np.array(plane))[:, None]
     return np.sort(np.linalg.norm(places - np.roll(places, 1, axis=0), axis=1))

@@ -59,8 +59,6 @@ def in_view(outline):
 
 
 def with_borders(rig):
-    """Make the camera lose a target that leaves the image."""
-
     def look(*given):
         seen = rig.exact(*given)
         return seen if in_view(seen.contour) else lost(seen, "it touches a border", ("top",))
@@ -75,7 +73,6 @@ def outcome_after(rig, seconds):
 
 
 def noisy(rig):
-    """Make the moments of a rig's exact images noisy."""
     random, plain = np.random.default_rng(1), rig.look
 
     def look(observer, t, joints):
@@ -85,8 +82,7 @@ def noisy(rig):
         shaken = m.centred + 2e-3 * random.normal(size=(7, 7)) * m.mu(2, 0) * second
         place = (
             m.m00 * (1.0 + 5e-3 * random.normal()),
-            *(g + 1e-3 * random.normal() for g in (m.xg, m.yg)),
-        )
+            *(g + 1e-3 * random.normal() for g in (m.xg, m.yg)))
         return replace(seen, moments=Moments(m.order, m.kind, *place, shaken))
 
     rig.look = look
@@ -168,7 +164,6 @@ def test_a_joint_at_its_limit_is_the_cause_also_where_the_camera_looks_wrong():
 
 
 def lifted(height):
-    """Return the goal as seen from `height` m higher, given only by its pose."""
     goal = the_goal("2016")
     higher = goal.world_T_camera.copy()
     higher[2, 3] += height
@@ -178,8 +173,7 @@ def lifted(height):
 def test_a_target_lost_on_the_way_to_a_goal_out_of_reach_is_the_goal_s_fault():
     rig = Rig(the_servo("2016", goal=lifted(2.5)), near(0))
     assert rig.servo.unreachable_reason.startswith(
-        "goal_2016.yaml: camera position (0.0500, -0.0297, 3.2834)"
-    )
+        "goal_2016.yaml: camera position (0.0500, -0.0297, 3.2834)")
     rig.lose(0.3)
     states = rig.run(0.6)
     assert states[5].outcome == "running"  # not told as long as the arm comes nearer
@@ -244,15 +238,13 @@ class Twice(Feature):
         return FeatureMeasurement(s, np.zeros(2), s, L)
 
 
-def test_features_without_rank():
+def test_features_without_rank_and_the_last_image():
     rig = Rig(the_servo(scheme=FeatureScheme(Twice(), Proportional(3.0))), near(1))
     last, found = rig.run(5.0)[-1], rig.servo.outcome
     assert found.kind == "singular" and "rank 1 of 2" in found.reason
     assert last.remedy == found.remedy
     assert found.remedy.changes == (SettingChange("scheme", "set", "moments"),)
-
-
-def test_the_image_that_comes_when_the_time_is_over_is_the_last():
+    # The image that comes when the time is over is the last.
     rig = Rig(the_servo("2016", law=Proportional(0.2), duration=1.0), STARTS["2016"])
     for stamp in np.arange(40.0, 41.01, 0.125):
         assert rig.servo.phase in ("waiting", "servoing")
@@ -304,7 +296,6 @@ def test_a_target_that_swings_is_told_with_its_frequency_and_one_pushed_once_doe
 
 @pytest.mark.parametrize("is_lost", [False, True])
 def test_a_joint_that_stands_still_is_named(is_lost):
-    """And is not waited for once the loop holds."""
     rig = Rig(the_servo("2016"), near(1))
     rig.friction = np.array([0.0, 0.0, 9.0, 0.0, 0.0, 0.0])  # J2 is blocked
     while not rig.servo.is_waiting_for_joints and rig.now < 10.0:
@@ -339,7 +330,6 @@ def seen_at(distance):
 
 
 def to_a_square():
-    """A run whose goal is to see the square of `seen_at`."""
     return RunContext(ServoSettings(), Goal(moments=Moments.from_polygon(SQUARE)))
 
 
@@ -366,27 +356,22 @@ def test_a_camera_far_behind_start_and_goal_has_retreated(first, then, kind):
 
 
 def test_features_are_judged_by_the_camera_whose_name_they_have():
-    names = ("left.x", "right.x", "left.y", "size")
-    right = an_image(0.0, 0.1, name="right")
+    names, right = ("left.x", "right.x", "left.y", "size"), an_image(0.0, 0.1, name="right")
     seen = an_image(0.0, 0.1, name="left", other_cameras={"right": right})
-    L = np.arange(24.0).reshape(4, 6)
-    tolerances = np.arange(9.0, 5.0, -1.0)
+    L, tolerances = np.arange(24.0).reshape(4, 6), np.arange(9.0, 5.0, -1.0)
     whole = pack_features(1.0 + np.arange(4.0), L, np.array([0.5]), tolerances, True)
     parts = split_by_camera(whole, names, seen)
     assert {camera: part.tolist() for camera, part in parts.items()} == {
-        "left": whole[[0, 2]].tolist(), "right": whole[[1]].tolist(), "": whole[[3]].tolist(),
-    }  # fmt: skip
+        "left": whole[[0, 2]].tolist(), "right": whole[[1]].tolist(), "": whole[[3]].tolist()}
     assert split_by_camera(None, names, seen) == {}
-
-
-def test_a_goal_that_one_of_the_cameras_has_not_shown_is_not_shown():
-    taught, other = (Goal(camera=replace(CAMERA, width=width)) for width in (320, 300))
+    # A goal that one of the cameras has not shown is not shown.
+    taught = Goal(camera=replace(CAMERA, width=320))
     both = replace(taught, camera_name="left", other_cameras={"right": taught})
-    for right, whole in ((taught, True), (other, False)):
-        seen = an_image(0.0, 0.1, name="left", other_cameras={
-            "right": replace(an_image(0.0, 0.1, name="right"), camera=right.camera)})
-        assert is_goal_camera(seen, both) is whole
-        assert not is_goal_camera(seen, replace(taught, camera_name="left"))
+    for width, whole in ((320, True), (300, False)):
+        own = replace(right, camera=replace(CAMERA, width=width))
+        now = replace(seen, other_cameras={"right": own})
+        assert is_goal_camera(now, both) is whole
+        assert not is_goal_camera(now, replace(taught, camera_name="left"))
 
 
 def test_a_target_that_a_swing_has_lost_stays_lost_by_it():
@@ -438,7 +423,6 @@ def test_noise_is_no_swing_when_the_time_is_over(noise, kind):
 
 
 def one_error(**settings):
-    """A run of a scheme with one error, of tolerance 1."""
     return RunContext(ServoSettings(**settings), the_goal("2016"), TolerantScheme((1.0,)))
 
 
@@ -508,58 +492,26 @@ def test_the_order_has_every_diagnosis_once_and_each_says_what_it_finds():
     } == set(outcomes.KINDS)  # those are of events
 
 
-def test_a_diagnosis_of_ones_own_is_asked_at_its_place():
+def test_a_diagnosis_of_ones_own_is_asked_at_its_place_and_lasts_a_second():
     asked = []
 
     class Bored(DiagnosisRule):
-        """Says that the target moves at every image from 0.1 s on."""
-
         def judge(self, record, evidence):
             asked.append(record.state.stamp)
-            if record.state.stamp > 0.1:
-                return outcomes.make_outcome("target_moves", "bored")
-            return None
+            return outcomes.make_outcome("target_moves", "bored") if asked[-1] > 0.1 else None
+
+    class Close(DiagnosisRule):
+        def judge(self, record, evidence):
+            return outcomes.Outcome("too_close" if record.state.stamp >= 2.0 else "target_moves")
 
     DIAGNOSES.register("bored")(Bored)
+    DIAGNOSES.register("close")(Close)
     records = [answered(t, np.ones(1)) for t in (0.0, 0.05, 0.2)]
     assert diagnose(one_error(), records, (*ORDER[:-1], "bored", ORDER[-1])).reason == "bored"
     assert asked == [0.0, 0.05, 0.2]
     asked.clear()
     assert diagnose(one_error(), records, (*ORDER, "bored")).kind == "running"  # the last answers
     assert not asked
-
-
-def test_images_that_an_earlier_diagnosis_has_reported_do_not_look_like_a_jump():
-    class Busy(DiagnosisRule):
-        """Reports an outcome for every second group of five images, before other diagnoses."""
-
-        def judge(self, record, evidence):
-            is_busy = round(30.0 * record.state.stamp) // 5 % 2
-            return make_outcome("target_lost", "busy") if is_busy else None
-
-    DIAGNOSES.register("busy")(Busy)
-    rig, records = Rig(the_servo("2016"), STARTS["2016"]), []
-    rig.servo.on_record = records.append
-    rig.run(2.0)
-    diagnosis = Diagnosis(rig.servo.diagnosis.run_context, ("busy", *ORDER))
-    for record in records:
-        evidence = diagnosis.evidence
-        diagnosis.add(record)
-        steps = evidence.motion_check.step_check
-        assert steps.first_jump is None and not evidence.find_contradiction()
-        assert not (evidence.target_motion or evidence.camera_fault)
-    assert steps.has_enough_motion and steps.correlation > 0.99
-
-
-def test_an_outcome_of_ones_own_has_to_last_a_second_too():
-    class Close(DiagnosisRule):
-        """Reports that the camera is too close from 2 s on, and before it a moving target."""
-
-        def judge(self, record, evidence):
-            is_close = record.state.stamp >= 2.0
-            return outcomes.Outcome("too_close" if is_close else "target_moves")
-
-    DIAGNOSES.register("close")(Close)
     for end, kind in ((2.0, "target_moves"), (2.9, "target_moves"), (3.1, "too_close")):
         records = [answered(0.1 * k, np.ones(1)) for k in range(round(10 * end) + 1)]
         assert diagnose(one_error(), records, ("close",)).kind == kind
@@ -596,8 +548,7 @@ def test_a_camera_that_moves_otherwise_than_L_says_may_be_farther_from_its_goal(
 def test_limits_that_parameters_narrow_are_to_be_widened():
     run = RunContext(
         ServoSettings(), the_goal("2016"), joints_beyond_limits=("J2",),
-        narrowed_limits={"upper": ("J2", "J3"), "lower": ("J1",)},
-    )  # fmt: skip
+        narrowed_limits={"upper": ("J2", "J3"), "lower": ("J1",)})  # fmt: skip
     found = Evidence(run).add_advice(outcomes.make_outcome("saturation", "slow"))
     assert SettingChange("upper", "remove") in found.remedy.changes
     assert "with joints beyond the limits of J2" in found.reason

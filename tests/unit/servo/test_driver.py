@@ -93,8 +93,7 @@ class Bench:
             self.seen.append((joints, commands))
             return self.driver.camera_rig.control.observe_moments(
                 stamp, moments if valid else None, valid, "" if valid else "no target", CAMERA,
-                joints, commands,
-            )  # fmt: skip
+                joints, commands)  # fmt: skip
 
         self.driver.add_image(stamp, look)
 
@@ -103,7 +102,6 @@ class Bench:
         return pose_difference(goal, self.arm.pose(self.q))
 
     def goes_on(self):
-        """Return whether the loop servoes and approaches its goal."""
         before = self.off()[0]
         self.step(60)
         return self.servo.phase == "servoing" and self.off()[0] < 0.8 * before
@@ -282,14 +280,6 @@ def test_images_of_another_clock_are_named():
             "arrival"]
 
 
-@pytest.mark.parametrize("stamp", [0.0, -3.0, np.nan])
-def test_in_lockstep_too_joint_states_without_a_stamp_are_of_now(stamp):
-    bench = Bench(lockstep=True)
-    bench.step(60, stamp=stamp)
-    assert bench.driver.history.newest.stamp == bench.t
-    assert bench.driver.start_count == 1 and bench.servo.phase == "servoing"
-
-
 def test_joint_states_that_were_held_up_do_not_send_it_back_to_its_start():
     bench = Bench(start="2015", gain=1.0)
     bench.step_until("servoing")
@@ -355,8 +345,7 @@ def test_unusable_joint_states_of_a_second_publisher_hold_the_arm_steadily(posit
     bench.servo.on_record = events.append
     states = with_second_publisher(bench, 4.0, position, lead)
     assert len(states) > 50
-    ((phase, outcome, reason, remedy),) = {
-        (s.phase, s.outcome, s.reason, s.remedy) for s in states}
+    ((phase, outcome, reason, remedy),) = {(s.phase, s.outcome, s.reason, s.remedy) for s in states}
     assert (phase, outcome) == ("holding", "unusable_joint_states")
     begun = f"unusable joint states on {JOINT_STATES} since 1.69 s, between usable"
     assert reason.startswith(begun) and what in reason
@@ -368,26 +357,22 @@ def test_unusable_joint_states_of_a_second_publisher_hold_the_arm_steadily(posit
     assert bench.goes_on()
 
 
-def test_what_is_wrong_with_the_only_joint_states_is_said_without_a_second_publisher():
-    bench = Bench()
-    bench.step(200, position=np.nan)
-    ((outcome, remedy),) = {(s.outcome, s.remedy) for s in bench.states}
-    assert outcome == "unusable_joint_states" and remedy == (
-        f"check which node publishes them ('rostopic info {JOINT_STATES}'), and "
-        "the limits in the robot description")
-    assert bench.driver.start_count == 1 and bench.servo.phase == "holding"
-
-
-def test_joint_states_of_other_joints_on_the_topic_are_no_fault():
-    """A gripper's driver publishes its joints on the arm's topic, too."""
+def test_joint_states_of_other_joints_on_the_topic_are_no_fault_unless_they_are_the_only_ones():
     bench = Bench(gain=0.5)
     bench.step(60)
-    states = with_second_publisher(bench, 2.0, names=("finger",))
+    states = with_second_publisher(bench, 2.0, names=("finger",))  # as a gripper's driver
     assert {(s.phase, s.outcome) for s in states} == {("servoing", "running")}
     bench.joints = False
     states = with_second_publisher(bench, 2.0, names=("finger",))
     assert states[-1].outcome == "unusable_joint_states"
     assert "joint states lack gantry" in states[-1].reason
+    bench = Bench()
+    bench.step(200, position=np.nan, phase="holding")
+    ((outcome, remedy),) = {(s.outcome, s.remedy) for s in bench.states}
+    assert outcome == "unusable_joint_states" and remedy == (
+        f"check which node publishes them ('rostopic info {JOINT_STATES}'), and "
+        "the limits in the robot description")
+    assert bench.driver.start_count == 1
 
 
 @pytest.mark.parametrize(("silent", "seconds", "kind"), [
@@ -683,7 +668,6 @@ def test_messages_of_one_stamp_meet_in_any_order():
 
 # -- its numbers -------------------------------------------------------------------------------
 def told(bench, t, q=None):
-    """A joint state of the time t, and the clock there."""
     bench.t = t
     bench.tell(bench.arm.names, bench.q if q is None else q, np.zeros(6), t)
 
@@ -697,6 +681,11 @@ def test_without_images_it_reports_at_a_camera_s_pace():
     np.testing.assert_array_equal(bench.states[-1].joints.positions, bench.q)
     np.testing.assert_array_equal(bench.states[0].command, bench.q)
     assert (np.abs(bench.states[-1].command - bench.q) > 1e-3).any()
+    # In lockstep too joint states without a stamp are of now.
+    for stamp in (0.0, -3.0, np.nan):
+        bench = Bench(lockstep=True)
+        bench.step(60, stamp=stamp, phase="servoing")
+        assert bench.driver.history.newest.stamp == bench.t and bench.driver.start_count == 1
 
 
 @pytest.mark.parametrize(("watchdog", "blind"), [(0.01, 0.05), (0.25, 0.25)])

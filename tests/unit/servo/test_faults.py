@@ -31,8 +31,6 @@ GOOD_FROM, GOOD_TO = 0.1, 0.4  # s between which the scheme goes wrong
 
 
 class Spoiled(Scheme):
-    """moments, until it goes wrong."""
-
     def __init__(self, fault):
         super().__init__(Proportional(3.0))
         self.inner, self.fault = create_scheme("moments", self.law), fault
@@ -219,8 +217,6 @@ def test_measurement_errors_are_the_images_and_not_the_schemes():
 
 
 class Tired(Law):
-    """A user's law that answers a wrong shape."""
-
     def desired_error_rate(self, error, L, pseudo_inverse_error, t, dt):
         self.tired = t > GOOD_FROM or getattr(self, "tired", False)
         return np.zeros(2) if self.tired else -error
@@ -233,8 +229,6 @@ def test_a_fault_of_a_users_law_is_the_schemes():
 
 
 class Forgetful(Spoiled):
-    """Raises where it is reset."""
-
     broken = True
 
     def reset(self):
@@ -315,8 +309,7 @@ def test_controllers_of_joints_are_under_the_same_limits_and_watchdog(output):
     limits = the_limits(velocity=0.5, acceleration=3.0, upper={"J1": 0.1})
     rig = controlled(answer, output, limits=limits, lead=10.0)
     rig.look = lambda observer, t, joints: observer.observe_moments(
-        t, None, True, "", CAMERA, joints
-    )
+        t, None, True, "", CAMERA, joints)
     rig.observer.needs = frozenset()
     rig.run(1.0)
     commands = np.array([c.positions for c in rig.commands])
@@ -342,8 +335,6 @@ class Unnamed(Feature):
 
 
 class Picky(Unnamed):
-    """Raises where the goal is looked at."""
-
     names = ("x",)
 
     def check(self, goal):

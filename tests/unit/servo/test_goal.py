@@ -92,8 +92,7 @@ def test_every_number_of_a_goal_is_in_its_file():
         replace(CAMERA, K=(30.5, 0, 31.5, 0, 40.5, 23.5, 0, 0, 1), D=(0.1, -0.2, 0.01, 0.02)),
         {"own": {"text": "x", "points": [[1.0, 2.0]], "n": 3}},
         TargetGeometry.from_values(BOX.copy(), 0.001, 0.012),
-        matrix_from_xyz_rpy((0.7, 0.8, 0.9), (-0.1, -0.2, -0.3)), "left", {"right": other},
-    )  # fmt: skip
+        matrix_from_xyz_rpy((0.7, 0.8, 0.9), (-0.1, -0.2, -0.3)), "left", {"right": other})
     text = goal.to_yaml()
     assert text.startswith("joints:")
     back = Goal.from_mapping(yaml.safe_load(text))
@@ -321,8 +320,7 @@ def test_hulls_and_unions_of_polygons():
     cross = target_geometry.unite_star_shapes(wide, tall)
     assert len(cross) == 12 and area(cross) == pytest.approx(12.0 + 1.5 * 4.5 - 1.5 * 2.0)
     inner = {(x, y) for x in (-0.5, 1.0) for y in (-1.0, 1.0)}
-    assert {tuple(p) for p in cross.round(9)} == inner | {
-        tuple(p) for p in np.vstack([wide, tall])}
+    assert {tuple(p) for p in cross.round(9)} == inner | {tuple(p) for p in np.vstack([wide, tall])}
     corner = target_geometry.unite_star_shapes(wide, np.array([[2.0, 0], [4, 0], [4, 3], [2, 3]]))
     assert len(corner) == 8 and area(corner) == pytest.approx(12.0 + 6.0 - 1.0)
     with pytest.raises(ServoError, match="do not overlap"):

@@ -49,8 +49,7 @@ class Wrong(type(FEATURES.create("points"))):
         return replace(found, L=L)
 
 
-@pytest.mark.parametrize(("column", "axis"), list(enumerate(
-    ("vx", "vy", "vz", "wx", "wy", "wz"))))
+@pytest.mark.parametrize(("column", "axis"), list(enumerate(("vx", "vy", "vz", "wx", "wy", "wz"))))
 def test_a_wrong_column_is_named(column, axis):
     row = 0 if column == 0 else 1  # dy/dt does not depend on vx
     assert check_interaction_matrix(Wrong((row, column, 1.0))).errors.max() < 1e-6
@@ -96,7 +95,6 @@ def test_the_worst_entry_is_reported_with_its_names_and_pose():
 
 
 def test_the_worst_of_several_poses_is_reported():
-    """An error that shows only far from the target."""
     def hidden(L):
         L[0, 3] += 0.1 if L[0, 0] > -1.0 / 0.34 else 0.0
 
@@ -131,8 +129,7 @@ def test_a_class_of_a_module_is_checked(tmp_path, monkeypatch):
         "    def measure(self, observation, goal):\n"
         "        found = super().measure(observation, goal)\n"
         "        found.L[1, 5] *= -1.0\n"
-        "        return found\n"
-    )
+        "        return found\n")
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(InteractionMatrixError, match="Mine: row 'y0' .* column wz"):
         check_interaction_matrix("my_points:Mine")

@@ -163,7 +163,6 @@ def test_a_pause_between_two_ticks_moves_a_joint_no_further_than_a_tenth_of_a_se
 
 @pytest.mark.parametrize("is_released", [True, False])
 def test_what_another_drive_was_at_is_not_gone_on_with(jog, is_released):
-    """Neither after a release in the middle, nor where the camera is driven after a joint."""
     q, _ = drive(jog, ("J5", 1.0), 0.5)
     if is_released:
         jog.release()

@@ -42,8 +42,7 @@ def test_pi_takes_away_what_a_steady_drift_leaves():
         e = np.array([0.1])
         for i in range(600):
             e = e + DT * (
-                drift + law.desired_error_rate(e, np.zeros((1, 6)), np.zeros(6), i * DT, DT)
-            )
+                drift + law.desired_error_rate(e, np.zeros((1, 6)), np.zeros(6), i * DT, DT))
         assert e[0] == pytest.approx(left, abs=2e-4)
 
 

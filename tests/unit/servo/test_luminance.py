@@ -27,10 +27,9 @@ ALL = ("luminance", "luminance_lm", *MAPS)
 
 
 def texture(X, Y):
-    """Grey levels of the plane, smooth: 20 to 236."""
     return 128.0 + 36.0 * (
-        np.sin(17.0 * X + 3.0 * Y) + np.cos(5.0 * X - 14.0 * Y + 1.0) + np.sin(9.0 * X * Y * 8 + 2)
-    )  # fmt: skip
+        np.sin(17.0 * X + 3.0 * Y) + np.cos(5.0 * X - 14.0 * Y + 1.0)
+        + np.sin(9.0 * X * Y * 8 + 2))
 
 
 def picture(camera, camera_T_object, texture=texture):
@@ -62,7 +61,6 @@ def smooth(image):
 
 
 def rates(camera, place, step=1e-4):
-    """Return dI/dv (pixels, 6) by finite differences of exact images."""
     return np.array([
         (smooth(picture(camera, moved(place, step * v)))
          - smooth(picture(camera, moved(place, -step * v)))) / (2 * step)
@@ -81,8 +79,7 @@ def test_the_normal_equations_are_those_of_every_pixel(name, damping, camera):
     H += damping * np.diag(np.diag(H))
     scale = np.sqrt(np.diag(H))
     assert found.L.T @ found.L / np.outer(scale, scale) == pytest.approx(
-        H / np.outer(scale, scale), abs=0.02
-    )
+        H / np.outer(scale, scale), abs=0.02)
     size = scale * np.linalg.norm(e)
     assert found.L.T @ found.error / size == pytest.approx(J.T @ e / size, abs=0.005)
     assert found.error_summary == pytest.approx(np.sqrt(np.mean(e**2)), rel=0.01)
@@ -154,8 +151,7 @@ def test_accuracy_is_that_of_grey_levels_and_of_neighbours_that_are_off_together
 
 
 @pytest.mark.parametrize(
-    ("sides", "told"), [((0.11, 0.11), "90°"), ((0.14, 0.08), "180°"), (None, "")]
-)
+    ("sides", "told"), [((0.11, 0.11), "90°"), ((0.14, 0.08), "180°"), (None, "")])
 def test_a_picture_that_looks_the_same_when_turned_says_so(sides, told):
     """Of a rectangle beside the axis of a tilted camera; a photograph looks like nothing else."""
 
@@ -187,7 +183,6 @@ def test_too_little_texture_is_a_matter_of_its_share_and_not_of_its_size(size):
 
 
 def test_of_a_picture_in_colour_its_grey_levels_count():
-    """As an eye weighs red, green and blue."""
     assert {n for n, feature in FEATURES.items() if Need.IMAGE in feature.needs} == {
         *ALL, "matches", "matches_orb", "matches_pose",  # tests/unit/bench/test_textures.py
     }

@@ -78,7 +78,6 @@ def test_the_pose_of_matches_is_the_cameras(picture):
 
 @pytest.fixture(scope="module")
 def narrow(picture):
-    """A part of 160 x 120 pixels of the goal's image."""
     image = look(FEATURES.create("matches"), picture, GOAL).image[60:180, 80:240]
     return np.ascontiguousarray(image)
 
@@ -121,19 +120,21 @@ def detecting(name):
 
 
 def test_eight_keypoints_that_agree_are_enough(picture):
-    plain, feature = FEATURES.create("matches"), detecting("matches")
+    feature = detecting("matches")
     seen = look(feature, picture, GOAL)
-    all_of = plain.detect_keypoints(seen.image)
-    feature.shown = [part[:281:40] for part in all_of]
+    all_of = FEATURES.create("matches").detect_keypoints(seen.image)
+    eight, seven = ([part[:end:40] for part in all_of] for end in (281, 280))
+    feature.shown = eight
     goal = Goal.teach(FeatureScheme(feature), seen)
     assert feature.measure(seen, goal).error == pytest.approx(np.zeros(16))
-    feature.shown = [part[:280:40] for part in all_of]
-    with pytest.raises(ConfigurationError, match="has 7 keypoints, but 8 are needed"):
-        feature.check(goal)
-    feature.shown = [part[:281:40] for part in all_of]
     feature.check(goal)
-    with pytest.raises(ConfigurationError, match="the image of .* has .* keypoints"):
-        feature.check(replace(goal, camera=None))  # they are no rays then
+    for shown, wrong, words in (
+        (seven, goal, "has 7 keypoints, but 8 are needed"),
+        (eight, replace(goal, camera=None), "the image of .* has .* keypoints"),  # no rays then
+    ):
+        feature.shown = shown
+        with pytest.raises(ConfigurationError, match=words):
+            feature.check(wrong)
 
 
 GRID = np.array([[u, v] for u in (60.0, 110.0, 170.0, 230.0) for v in (40.0, 90.0, 150.0, 200.0)])

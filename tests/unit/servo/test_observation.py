@@ -68,8 +68,7 @@ def test_a_picture_and_exact_geometry_say_the_same():
 def test_only_what_is_asked_for_is_worked_out(need):
     depth = np.full((240, 320), 0.2, np.float32)
     seen = FeatureObserver(the_arm(), frozenset((need,))).observe_image(
-        0.0, picture(outline()), CAMERA, joints(0.0), depth=depth
-    )
+        0.0, picture(outline()), CAMERA, joints(0.0), depth=depth)
     given = {
         Need.IMAGE: seen.image, Need.DEPTH: seen.depth, Need.KERNEL: seen.kernel,
         Need.CONTOUR: seen.contour, Need.CORNERS: seen.corners,
@@ -122,27 +121,23 @@ def test_a_tracker_that_uses_colour_gets_rgb():
 
 
 def test_time_and_motion_since_the_last_one(begin=31.5):
-    observer = FeatureObserver(the_arm())
-    q = np.array(STARTS["2016"])
+    observer, q = FeatureObserver(the_arm()), np.array(STARTS["2016"])
+    moved = q + [0.01, 0.02, -0.01, 0.0, 0.01, 0.1]
 
     def see(after, q):
         return observer.observe_exact_features(
             begin + after, CAMERA, joints(begin, q), contour=outline(q))
 
-    first = see(0.0, q)
+    first, second = see(0.0, q), see(0.04, moved)
     assert first.dt == 0.0 and first.previous_T_camera is None
-    moved = q + [0.01, 0.02, -0.01, 0.0, 0.01, 0.1]
-    second = see(0.04, moved)
     assert second.dt == pytest.approx(0.04)
     np.testing.assert_allclose(
-        first.world_T_camera @ second.previous_T_camera, second.world_T_camera, atol=1e-12
-    )
+        first.world_T_camera @ second.previous_T_camera, second.world_T_camera, atol=1e-12)
     assert not second.previous_T_camera.flags.writeable
     assert see(0.02, q).dt == 0.0
-    third = see(0.08, moved)
+    third, twice = see(0.08, moved), see(0.08, q)
     assert third.dt == pytest.approx(0.04)  # since the newest, not since the late one
     np.testing.assert_allclose(third.previous_T_camera, np.eye(4), atol=1e-12)
-    twice = see(0.08, q)
     assert twice.dt == 0.0 and twice.previous_T_camera is None
     np.testing.assert_allclose(see(0.1, moved).previous_T_camera, np.eye(4), atol=1e-12)
     observer.reset()
@@ -154,8 +149,7 @@ def test_of_messages():
     observer = FeatureObserver(the_arm(), frozenset((Need.MOMENTS, Need.KERNEL)))
     seen = observer.observe_moments(
         0.1, exact, True, "", CAMERA, joints(0.1), kernel=np.arange(20.0), pixel_count=7,
-        touched_borders=("top",), commands=[joints(0.05)],
-    )  # fmt: skip
+        touched_borders=("top",), commands=[joints(0.05)])  # fmt: skip
     assert seen.valid and seen.moments is exact and len(seen.commands) == 1
     assert (seen.pixel_count, seen.touched_borders) == (7, ("top",))
     np.testing.assert_array_equal(seen.kernel, np.arange(20.0))

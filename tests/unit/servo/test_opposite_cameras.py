@@ -36,8 +36,7 @@ ROBOT = """<robot name="both"><link name="world"/>
   <origin xyz="0.1 0 0.1" rpy="0.1 0.2 0.3"/></joint>
 </robot>"""
 PALM, WALL = Arm.from_urdf(ROBOT, "palm_optical_frame"), Arm.from_urdf(
-    ROBOT, "wall_optical_frame", target_frame="plate"
-)  # fmt: skip
+    ROBOT, "wall_optical_frame", target_frame="plate")  # fmt: skip
 Q = np.array([0.13, -0.4, 0.25])
 K = (300.0, 0.0, 150.0, 0.0, 280.0, 130.0, 0.0, 0.0, 1.0)
 CAMERA = CameraModel(320, 240, K, (), "plumb_bob")

@@ -234,7 +234,6 @@ def test_the_loop_gets_what_is_given(arm, given, read, expected):
 
 
 def kinds(loop):
-    """Return the types of the loop's secondary tasks."""
     return tuple(type(task) for task in loop.differential_ik.tasks)
 
 
@@ -271,8 +270,7 @@ def test_a_user_s_own_law_takes_the_gain_that_is_given(tmp_path, monkeypatch):
         "class Plain(Law):\n"
         "    def desired_error_rate(self, error, L, rotated_error, t, dt): return -error\n"
         "class Fast(Plain):\n"
-        "    gain: float = 8.0\n"
-    )
+        "    gain: float = 8.0\n")
     monkeypatch.syspath_prepend(str(tmp_path))
     assert of(law="own_law:Fast").make_law().gain == 8.0
     assert of(law="own_law:Fast", gain=3.0).make_law().gain == 3.0
@@ -300,8 +298,7 @@ def test_trackers_by_name_and_their_options(tmp_path, monkeypatch):
         "class Ring(Tracker):\n"
         "    hold: float = 0.25\n\n"
         "    def find(self, grey):\n"
-        "        raise NotImplementedError\n"
-    )
+        "        raise NotImplementedError\n")
     monkeypatch.syspath_prepend(str(tmp_path))
     dots, ring = "aras_visual_servo_camera.trackers.dots:DotTracker", "their_tracker:Ring"
     assert of().make_tracker() is None and type(of(tracker=dots).make_tracker()) is TRACKERS["dots"]

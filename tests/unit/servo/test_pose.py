@@ -37,7 +37,6 @@ def test_noisy_points_give_the_pose_of_least_squares(view):
 
 
 def anywhere(seed, count):
-    """Poses (4, 4) that see the plane of CORNERS from either side, up to 60 degrees aslant."""
     random = np.random.default_rng(seed)
     for side in np.tile([0.0, np.pi], count)[:count]:
         aslant = Rotation.from_euler("zxz", [random.uniform(-np.pi, np.pi),

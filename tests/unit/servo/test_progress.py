@@ -25,7 +25,6 @@ def resolution(**given):
 
 
 def task_of_rank(rank, modelled=6):
-    """A task in which the first `rank` camera directions are observed."""
     L = np.diag((np.arange(6) < rank).astype(float))
     return Task(L, np.zeros(6), np.arange(6) < modelled)
 
@@ -186,8 +185,7 @@ def test_noise_that_hides_the_goal_is_told_when_the_time_is_over(error, kind):
 
 @pytest.mark.parametrize(
     ("size", "keys"),
-    [(1.5, ["target.size"]), (6.0, ["jitter", "noise"]), (60.0, ["jitter", "noise"])],
-)
+    [(1.5, ["target.size"]), (6.0, ["jitter", "noise"]), (60.0, ["jitter", "noise"])])
 def test_noise_asks_for_so_much_less_of_it_and_says_how_exact_a_place_is(size, keys):
     noise = size * np.random.default_rng(1).normal(size=(60, 2))
     found = timeout(noise + [30.0, 0.0], dt=1 / 40, L=np.eye(2, 6))

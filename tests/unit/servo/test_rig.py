@@ -50,7 +50,6 @@ def rig(needs=(Need.CORNERS,), right=RIGHT, goal=None, change=None):
 
 
 def places(camera, shape=SHAPE):
-    """Return the target's corners (n, 3) in the frame of a camera's pose (4, 4)."""
     return (np.column_stack([shape, np.ones(4)]) @ inverse(camera).T)[:, :3]
 
 
@@ -189,11 +188,9 @@ def test_where_one_camera_is_tells_nothing_of_another(known):
 
 # -- features of cameras -----------------------------------------------------------------------
 def goal_of(scheme, target=None, shape=SHAPE):
-    """Shown with both cameras."""
     made = rig()
 
     def plane(pose):
-        """Return the plane z = 0 of the world in the camera frame."""
         n, p = inverse(pose)[:3, 2:].T
         return Plane(*(n / (n @ p)).tolist())
 
@@ -243,8 +240,6 @@ def test_an_older_view_s_features_are_brought_to_the_control_camera_s_exposure(n
     np.testing.assert_allclose(found.L, true.L, atol=20 * off)
 
     class Moving(Points):
-        """Points of a target of which 0.02 s of motion are still to come."""
-
         def measure(self, observation, goal):
             return replace(super().measure(observation, goal), error_drift=0.3)
 
@@ -275,8 +270,6 @@ def test_a_camera_where_the_target_is_lost_is_named():
         scheme.compute(seen, goal, 0.0)
 
     class Wanting(Feature):
-        """User-defined feature that does not need a detected target."""
-
         names, tolerances, needs = ("x",), (1.0,), frozenset((Need.IMAGE,))
 
         def measure(self, observation, goal):
@@ -396,25 +389,22 @@ def test_a_goal_of_two_cameras_holds_points_of_both_that_are_the_same():
 def test_a_rigid_motion_is_that_of_least_squares(seed):
     """As SciPy has it, also of a plane's points, and of a mirrored body, which no turn fits."""
     random = np.random.default_rng(seed)
-    before = random.normal(0.0, 0.1, (6, 3)) * (1.0, 0.7, 0.0 if seed % 3 == 1 else 0.5)
+    before = random.normal(0.0, 0.1, (6, 3)) * (1.0, 0.7, 0.0 if seed == 1 else 0.5)
     turn = Rotation.from_rotvec(random.normal(0.0, 1.0, 3))
-    after = turn.apply(before * (1.0, 1.0, -1.0 if seed % 3 == 2 else 1.0))
+    after = turn.apply(before * (1.0, 1.0, -1.0 if seed == 2 else 1.0))
     after += random.normal(0.0, 5e-3, after.shape) + random.normal(0.0, 0.5, 3)
     found = estimate_rigid_motion(before, after)
     middles = before.mean(axis=0), after.mean(axis=0)
     expected = Rotation.align_vectors(after - middles[1], before - middles[0])[0]
     np.testing.assert_allclose(found[:3, :3], expected.as_matrix(), atol=1e-6)
     np.testing.assert_allclose(found @ (*middles[0], 1.0), (*middles[1], 1.0), atol=1e-12)
-
-
-@pytest.mark.parametrize("apart", [1.0, -1.0])
-def test_a_point_behind_either_of_two_cameras_is_refused(apart):
-    """The other stands before it, or behind."""
-    beside = matrix_from_xyz_rpy((0.02, 0.0, apart), (0.0, 0.0, 0.0))
-    there = np.array([[0.1, -0.05, -0.5 * apart], [0.2, 0.1, 3.0]])  # the second before both
-    seen = [points[:, :2] / points[:, 2:] for points in (there, there + beside[:3, 3])]
-    with pytest.raises(MeasurementError, match="lies behind one"):
-        triangulate(*seen, beside)
+    # A point behind either of two cameras, before or behind the other, is refused.
+    for apart in (1.0, -1.0):
+        beside = matrix_from_xyz_rpy((0.02, 0.0, apart), (0.0, 0.0, 0.0))
+        there = np.array([[0.1, -0.05, -0.5 * apart], [0.2, 0.1, 3.0]])  # the second before both
+        seen = [points[:, :2] / points[:, 2:] for points in (there, there + beside[:3, 3])]
+        with pytest.raises(MeasurementError, match="lies behind one"):
+            triangulate(*seen, beside)
 
 
 def test_two_cameras_forget_the_turn_to_which_a_square_was_followed():
@@ -476,8 +466,7 @@ def test_a_goal_of_two_cameras_is_either_s_as_the_control_camera():
             assert own.moments is held.moments and own.camera is held.camera
         assert found.other_cameras[second].other_cameras == {}
     standing = goal.for_cameras(
-        {"left": arms["left"], "right": FixedCameraKinematics(RIGHT.pose(Q0))}
-    )
+        {"left": arms["left"], "right": FixedCameraKinematics(RIGHT.pose(Q0))})
     assert standing.other_cameras["right"].joints == {}  # it is moved by none
     one = goal.for_cameras({"right": arms["right"]})
     assert list(one.cameras) == ["right"] and one.other_cameras == {}
@@ -499,18 +488,16 @@ def test_a_feature_of_another_camera_is_that_of_the_goal_that_it_is_asked_for():
 
 
 def test_a_goal_of_one_camera_tells_the_others_views_by_the_target_s_geometry():
-    arm = the_arm()
+    arm, alone = the_arm(), the_goal("2016")
     wall = FixedCameraKinematics(matrix_from_xyz_rpy((0.3, 0.1, 0.9), (3.0, 0.2, -0.1)))
-    alone = the_goal("2016")
     goal = alone.for_cameras({"left": arm, "wall": wall})
     assert list(goal.cameras) == ["left", "wall"]
-    assert goal.other_cameras["wall"].camera_name == "wall"
-    q = alone.get_joints(arm.names)
+    q, there = alone.get_joints(arm.names), goal.other_cameras["wall"]
     np.testing.assert_allclose(goal.world_T_camera, arm.pose(q), atol=1e-12)
-    there = goal.other_cameras["wall"]
     np.testing.assert_allclose(there.world_T_camera, wall.pose(q), atol=1e-12)
     np.testing.assert_allclose(there.compute_outline(), alone.target.compute_outline(wall.pose(q)))
-    assert (goal.joints, there.joints, there.camera) == (alone.joints, {}, None)
+    assert (there.camera_name, there.joints, there.camera) == ("wall", {}, None)
+    assert goal.joints == alone.joints
     unknown = replace(alone, target=None).for_cameras({"left": arm, "wall": wall})
     assert unknown.other_cameras == {}  # nothing tells what the other sees
 
@@ -555,17 +542,16 @@ ELBOW = """<robot name="r"><link name="a"/><link name="b"/><link name="c"/>
 
 
 def test_a_camera_elsewhere_on_the_arm_is_refused_and_one_that_stands_may_be_read():
-
-    def of(scheme):
+    def others(scheme):
         cameras = {name: {} for name in ("left", "right", "wall")}
-        return ControllerSettings.from_mapping({"scheme": scheme, "cameras": cameras})
+        settings = ControllerSettings.from_mapping({"scheme": scheme, "cameras": cameras})
+        return settings.make_other_cameras(ELBOW, settings.make_arm(ELBOW))
 
-    both = of("points@left+points@right")
-    with pytest.raises(ConfigurationError, match="camera 'right' is moved by j and the control"):
-        both.make_other_cameras(ELBOW, both.make_arm(ELBOW))
-    wall = of("points@left+points@wall")
-    with pytest.raises(ConfigurationError, match="points@wall cannot .*is fixed, and the arm"):
-        wall.make_other_cameras(ELBOW, wall.make_arm(ELBOW))
-    stereo = of("stereo_points@left,wall")
-    others = stereo.make_other_cameras(ELBOW, stereo.make_arm(ELBOW))
-    np.testing.assert_allclose(others["wall"].pose(np.zeros(2))[:3, 3], [1, 2, 3])
+    for scheme, words in (
+        ("points@left+points@right", "camera 'right' is moved by j and the control"),
+        ("points@left+points@wall", "points@wall cannot .*is fixed, and the arm"),
+    ):
+        with pytest.raises(ConfigurationError, match=words):
+            others(scheme)
+    wall = others("stereo_points@left,wall")["wall"]
+    np.testing.assert_allclose(wall.pose(np.zeros(2))[:3, 3], [1, 2, 3])

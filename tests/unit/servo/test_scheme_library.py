@@ -82,15 +82,11 @@ def test_each_scheme_tells_its_law_the_time_and_that_since_the_last_image(name):
 
 
 class Gainless(Law):
-    """Has no gain that a scheme could read."""
-
     def desired_error_rate(self, error, *_):
         return -error
 
 
 class Asked(Proportional):
-    """Keeps what it is given; answers none of it."""
-
     def desired_error_rate(self, *given):
         self.given = given
         return -np.linspace(0.7, 1.3, len(given[0])) * given[0]

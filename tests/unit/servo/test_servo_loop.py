@@ -30,7 +30,6 @@ from aras_visual_servo_controller.schemes import FeatureScheme, JointController
 
 
 def speeds(rig):
-    """Return the velocities (n, 6) of the commands, per second."""
     return np.diff([c.positions for c in rig.commands if c.positions is not None], axis=0) / TICK
 
 
@@ -191,12 +190,11 @@ def test_the_arm_is_resolved_where_it_stands_and_not_where_it_was_sent():
 
     class Watched(DifferentialIK):
         def solve(self, q, *rest):
-            asked.append(np.abs(rig.q - servo.command).max())
+            asked.append(np.abs(rig.q - rig.servo.command).max())
             np.testing.assert_array_equal(q, rig.q)
             return super().solve(q, *rest)
 
-    servo = the_servo("2016", ik=Watched)
-    rig = Rig(servo, STARTS["2016"], friction=0.02)
+    rig = Rig(the_servo("2016", ik=Watched), STARTS["2016"], friction=0.02)
     rig.run(0.5)
     assert len(asked) > 15 and max(asked) > 0.01
 
@@ -331,13 +329,12 @@ def test_what_sags_before_the_first_image_is_held_where_it_was():
 
 def test_a_task_is_taken_up_when_its_delay_is_over_and_not_before():
     pursuit = TaskExecutor("any", None, None, None, ServoSettings(delay=0.1))
-    first, second = (Task.from_twist(np.full(6, float(k))) for k in (1, 2))
+    first, second, third = (Task.from_twist(np.full(6, float(k))) for k in (1, 2, 3))
     pursuit.set_task(first, None, 0.2, 0.2)  # 0.2 + 0.1 is a little more than 0.3
     pursuit.set_task(second, None, 0.25, 0.25)
     for t, task in ((0.3 - 5e-7, None), (0.3, first), (0.3499995, first), (0.4, second)):
         pursuit.activate_pending(t)
         assert pursuit.task is task
-    third = Task.from_twist(np.full(6, 3.0))
     pursuit.set_task(third, None, 0.5 + 1e-12, 0.5)  # what is only rounded to be later is over too
     pursuit.activate_pending(0.5 + 0.1)
     assert pursuit.task is third
@@ -471,8 +468,6 @@ def test_an_image_without_joints_meets_the_latest():
 
 
 class Failing(DifferentialIK):
-    """Raises an error, or answers what no joint can do."""
-
     error = velocities = None
 
     def solve(self, *given):
@@ -563,8 +558,7 @@ def test_settings_of_another_arm_are_refused():
 def test_a_state_that_was_read_back_tells_what_its_resolution_does():
     resolution = replace(
         a_solution(np.eye(6)), desired_twist=np.arange(6.0), achieved_twist=np.arange(6.0) / 2.0,
-        recorded_singular_values=(np.array([3.0, 0.5]), np.array([1.0])),
-    )
+        recorded_singular_values=(np.array([3.0, 0.5]), np.array([1.0])))
     state = ServoState(0.5, "servoing", ik_solution=resolution)
     assert state.desired_twist is resolution.desired_twist
     assert state.achieved_twist is resolution.achieved_twist

@@ -14,7 +14,6 @@ POSE = matrix_from_xyz_rpy((0.3, -0.2, 0.5), (2.9, 0.2, -0.4))
 
 
 def twist(*six):
-    """Return a constant twist of the target in the world."""
     return lambda t: np.array(six)
 
 
@@ -27,7 +26,6 @@ STEADY, STILL = twist(0.02, -0.01, 0.005, 0.0, 0.0, 0.0), twist(*[0.0] * 6)
 
 
 def swaying(t):
-    """The camera's motion (6,) in one image."""
     return 2e-3 * np.sin([9.0 * t, 6.0 * t, 3.0 * t, 0.0, 0.0, 0.0])
 
 
@@ -55,8 +53,7 @@ def watched(images, moves, camera=swaying, count=6, known=0.0, check=None, L=Non
         said.append(check.add(
             pack_features(error + off * tolerances, L, known * own, tolerances, True),
             an_image(**{"stamp": t, "dt": dt, "motion": motion, "world_T_camera": pose, **seen}),
-            None,
-        ))  # fmt: skip
+            None))  # fmt: skip
     return said
 
 

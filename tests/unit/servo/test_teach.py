@@ -117,9 +117,7 @@ def test_a_joint_that_hangs_is_pushed_by_the_time_that_passed_and_rests_a_second
 def test_what_a_users_feature_keeps_of_the_plane_is_told_by_the_target_s_geometry():
     class Own(Feature):
         names, tolerances, needs = ("x",), (1.0,), frozenset()
-
-        def measure(self, observation, goal):
-            raise NotImplementedError
+        measure = None
 
         def check(self, goal):
             if "own" not in goal.features:
@@ -131,17 +129,16 @@ def test_what_a_users_feature_keeps_of_the_plane_is_told_by_the_target_s_geometr
 
     goal, seen = replace(the_goal("2016").for_arm(the_arm()), camera=CAMERA), []
     known = teaching.complete_by_geometry(goal, Own())
-    outline = goal.target.compute_outline(goal.world_T_camera)
-    assert abs(len(seen[0].contour) - 400) <= len(outline)
-    away = np.linalg.norm(seen[0].contour[:, None] - outline, axis=2)
+    outline, (view,) = goal.target.compute_outline(goal.world_T_camera), seen
+    assert abs(len(view.contour) - 400) <= len(outline) and view.camera is CAMERA
+    away = np.linalg.norm(view.contour[:, None] - outline, axis=2)
     assert away.min(axis=0) == pytest.approx(0.0, abs=1e-12)  # it goes through each corner
-    np.testing.assert_allclose(seen[0].corners, find_corners(seen[0].contour))
-    np.testing.assert_array_equal(seen[0].world_T_camera, goal.world_T_camera)
-    assert seen[0].camera is CAMERA
-    for unknown in (replace(goal, target=None), replace(goal, world_T_camera=None)):
-        assert teaching.complete_by_geometry(unknown, Own()) is unknown
+    np.testing.assert_allclose(view.corners, find_corners(view.contour))
+    np.testing.assert_array_equal(view.world_T_camera, goal.world_T_camera)
     assert known.features["own"] == {"plane": list(goal.plane), "stamp": 0.0}
-    assert teaching.complete_by_geometry(known, Own()) is known  # it holds that already
+    # where nothing tells the plane, and where it holds that already
+    for same in (replace(goal, target=None), replace(goal, world_T_camera=None), known):
+        assert teaching.complete_by_geometry(same, Own()) is same
 
 
 def test_views_are_averaged():
@@ -257,19 +254,14 @@ def test_moments_of_a_model_are_taught_with_the_plane_of_its_outline():
     arm, q = the_arm(), the_goal("2016").get_joints(the_arm().names)
     pose = arm.pose(q)
     place = [pose[0, 3], pose[1, 3], pose[2, 3] - 0.3, 0.0, 0.0, 0.2]  # below the camera
-    given = {"scheme": "moments", "model": str(box.path), "model_start": {"pose": place}}
-    settings = ControllerSettings.from_mapping(given)
+    settings = ControllerSettings.from_mapping(
+        {"scheme": "moments", "model": str(box.path), "model_start": {"pose": place}})
     scheme = settings.make_scheme()
     rig = settings.make_camera_rig({"camera": arm}, scheme)
     outline = box.outline(inverse(matrix_from_xyz_rpy(place[:3], place[3:])) @ pose)
     joints = arm.read_joints(arm.names, q)
     view = rig.control.observe_exact_features(0.0, CAMERA, joints, contour=outline)
     goal = teaching.make_mean_goal([view], scheme, arm, "mine")
-    upper = pose[2, 3] - 0.3 + 0.03
-    assert goal.plane == pytest.approx(goal_plane(pose, upper), abs=1e-6)
+    # the plane of its upper side, 0.27 m below the camera: 1/Z = A x + B y + C
+    assert goal.plane == pytest.approx(pose[2, :3] / -0.27, abs=1e-6)
     assert goal.depth == pytest.approx(1.0 / goal.plane.C)
-
-
-def goal_plane(pose, height):
-    """Return the plane z = height in the camera frame, 1/Z = A x + B y + C."""
-    return pose[2, :3] / (height - pose[2, 3])

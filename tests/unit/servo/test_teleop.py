@@ -44,8 +44,6 @@ def test_arrows_step_gantry_and_j2():
 
 
 class Asked(Jog):
-    """Drive that records its requests."""
-
     def __init__(self):
         super().__init__(the_arm(), the_limits())
         self.heard = []

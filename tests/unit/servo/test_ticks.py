@@ -101,8 +101,7 @@ def test_compiled_ticks_do_what_the_driver_does(play, given):
         np.testing.assert_array_equal(one.values, other.values)
     for one, other in zip(joined.states, single.states, strict=True):
         assert (one.stamp, one.phase, one.outcome, one.reason) == (
-            other.stamp, other.phase, other.outcome, other.reason
-        )  # fmt: skip
+            other.stamp, other.phase, other.outcome, other.reason)  # fmt: skip
         np.testing.assert_array_equal(one.command, other.command)
     for (_, commands), (_, others) in zip(joined.seen, single.seen, strict=True):
         for one, other in zip(commands, others, strict=True):

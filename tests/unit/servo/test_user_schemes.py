@@ -16,8 +16,7 @@ from aras_visual_servo_controller.observation.observation import SEGMENTED, Need
 EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
 NAMES = (
     "own_corners:OwnCorners", "photometric:Photometric", "second_order:SecondOrder",
-    "joint_mpc:JointMPC",
-)  # fmt: skip
+    "joint_mpc:JointMPC")  # fmt: skip
 
 
 @pytest.fixture(autouse=True)
@@ -26,7 +25,6 @@ def examples_to_be_found(monkeypatch):
 
 
 def picture(outline):
-    """The target drawn with soft edges, 320 x 240."""
     finer = 8
     pixels = outline * [CAMERA.K[0], CAMERA.K[4]] + [CAMERA.K[2], CAMERA.K[5]]
     fixed = np.round(((pixels + 0.5) * finer - 0.5) * 256.0).astype(np.int32)
@@ -55,9 +53,10 @@ def taught(scheme):
     return replace(goal, target=known.target)
 
 
-def closed(name, start, **options):
-    scheme = create_scheme(name, Proportional(options.pop("gain", 5.0)))
-    return Rig(the_servo(scheme=scheme, goal=taught(scheme), **options), start, look=look)
+def closed(name):
+    scheme = create_scheme(name, Proportional(5.0))
+    servo = the_servo(scheme=scheme, goal=taught(scheme), hold=0.5)
+    return Rig(servo, STARTS["2016"], look=look)
 
 
 @pytest.mark.parametrize(("name", "distance", "angle"), [
@@ -66,31 +65,25 @@ def closed(name, start, **options):
 ])  # fmt: skip
 def test_the_goal_is_reached(name, distance, angle):
     """Photometric needs pictures; bench/test_user_schemes_run has it."""
-    rig = closed(name, STARTS["2016"], hold=0.5)
+    rig = closed(name)
     last = rig.run(3.0)[-1]
-    assert last.phase == "converged", last.reason
-    assert rig.missed[0] < distance
-    assert rig.missed[1] < np.radians(angle)
-    assert last.outcome == "converged"
+    assert (last.phase, last.outcome) == ("converged", "converged"), last.reason
+    assert rig.missed[0] < distance and rig.missed[1] < np.radians(angle)
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_each_is_under_sixty_lines_and_asks_for_little(name):
-    module = EXAMPLES / f"{name.partition(':')[0]}.py"
-    lines = module.read_text().splitlines()
-    assert len(lines) <= 60
-    assert max(map(len, lines)) <= 100
-    scheme = create_scheme(name)
+    lines = (EXAMPLES / f"{name.partition(':')[0]}.py").read_text().splitlines()
+    assert len(lines) <= 60 and max(map(len, lines)) <= 100
     if "own_corners" in name or "photometric" in name:
-        assert not scheme.needs & SEGMENTED
+        assert not create_scheme(name).needs & SEGMENTED
 
 
 def test_a_scheme_with_its_own_eyes_decides_itself_what_is_valid():
-    rig = closed("own_corners:OwnCorners", STARTS["2016"])
+    rig = closed("own_corners:OwnCorners")
     rig.look = lambda observer, t, joints: (
         replace(look(observer, t, joints), image=np.full((240, 320), 250, np.uint8))
-        if 0.3 <= t < 0.5 else lost(look(observer, t, joints), "the segmentation sees nothing")
-    )  # fmt: skip
+        if 0.3 <= t < 0.5 else lost(look(observer, t, joints), "the segmentation sees nothing"))
     states = rig.run(0.8)
     assert states[0].phase == "servoing"  # the segmentation's word does not count
     assert {s.reason for s in states if 0.3 <= s.stamp < 0.5} == {

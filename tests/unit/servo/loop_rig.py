@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from aras_visual_servo_base.poses import exponential, pose_difference
@@ -214,3 +215,19 @@ class TolerantScheme(Scheme):
 
     def compute(self, observation, goal):
         raise AssertionError("no image is processed")
+
+
+CORNERS = np.array([[-0.10, -0.05], [0.12, -0.04], [0.08, 0.06], [-0.03, 0.09]])
+
+
+def moments_of(corners) -> Moments:
+    return Moments.from_polygon(np.asarray(corners), 4)
+
+
+def picture(outline) -> np.ndarray:
+    """Draw a target with soft edges, as CAMERA sees it (240, 320)."""
+    pixels = outline * [CAMERA.K[0], CAMERA.K[4]] + [CAMERA.K[2], CAMERA.K[5]]
+    fixed = np.round(((pixels + 0.5) * 8 - 0.5) * 256.0).astype(np.int32)
+    fine = np.full((240 * 8, 320 * 8), 250, np.uint8)
+    cv2.fillPoly(fine, [fixed], 5, shift=8)
+    return cv2.resize(fine, (320, 240), interpolation=cv2.INTER_AREA)

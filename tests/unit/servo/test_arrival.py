@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from loop_rig import TolerantScheme, a_solution, an_output, scaled
+from loop_rig import CORNERS, TolerantScheme, a_solution, an_output, moments_of, scaled
 from scipy.spatial.transform import Rotation
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
@@ -450,13 +450,6 @@ def test_the_axis_of_a_symmetric_target_goes_through_its_middle(middle, plane, u
 
 
 # -- is it the goal's own view? -----------------------------------------------------------------
-CORNERS = np.array([[-0.10, -0.05], [0.12, -0.04], [0.08, 0.06], [-0.03, 0.09]])
-
-
-def of(corners):
-    return Moments.from_polygon(np.asarray(corners), 4)
-
-
 def alike(seen, wanted, is_turned=False):
     check = view_check.ViewCheck(Goal(moments=wanted))
     for stamp in range(3):
@@ -475,8 +468,8 @@ def shaped(moments, order, j, by):
 @pytest.mark.parametrize(("order", "j"), [(2, 0), (2, 1), (2, 2), (3, 0), (3, 1), (3, 2), (3, 3)])
 def test_another_view_is_told_by_each_moment_of_second_and_third_order(order, j, sign):
     """The bound is a part of the goal's greatest, whichever it is and whatever its sign."""
-    turned = of(CORNERS @ np.array([[0.6, -0.8], [0.8, 0.6]]) * [1.0, 4.0])
-    for wanted, distance in ((of(CORNERS), 0.5), (turned, 1.0)):
+    turned = moments_of(CORNERS @ np.array([[0.6, -0.8], [0.8, 0.6]]) * [1.0, 4.0])
+    for wanted, distance in ((moments_of(CORNERS), 0.5), (turned, 1.0)):
         bound = THIRD
         if order == 2:
             second = [wanted.mu(2 - k, k) for k in range(3)]
@@ -487,12 +480,12 @@ def test_another_view_is_told_by_each_moment_of_second_and_third_order(order, j,
 
 
 def test_views_that_cannot_be_compared_are_not_judged_and_half_a_turn_changes_third_moments():
-    wanted, other = of(CORNERS), of(CORNERS * [1.0, 3.0])
+    wanted, other = moments_of(CORNERS), moments_of(CORNERS * [1.0, 3.0])
     empty = Moments(4, "dense", 0.0, 0.0, 0.0, np.zeros((5, 5)))
     points = Moments.from_points(CORNERS * [1.0, 3.0], 4)
     for seen, goal in ((None, wanted), (other, None), (points, wanted), (other, empty)):
         assert alike(seen, goal)
-    turned = of(2.0 * np.array([wanted.xg, wanted.yg]) - CORNERS)
+    turned = moments_of(2.0 * np.array([wanted.xg, wanted.yg]) - CORNERS)
     assert not alike(turned, wanted) and alike(turned, wanted, is_turned=True)
     assert alike(wanted, wanted, is_turned=True)
     for seen in (wanted, turned):
@@ -501,9 +494,9 @@ def test_views_that_cannot_be_compared_are_not_judged_and_half_a_turn_changes_th
 
 def test_a_known_offset_explains_where_the_target_is_seen():
     """A camera that is 1 cm aside of its goal at 0.5 m, or as far off along a held direction."""
-    goal = Goal(depth=0.5, moments=of(CORNERS))
+    goal = Goal(depth=0.5, moments=moments_of(CORNERS))
     check, offset = view_check.ViewCheck(goal), np.array([0.01, 0.0, 0.0, 0.0, 0.0, 0.0])
-    seen = of(CORNERS - [0.02, 0.0])
+    seen = moments_of(CORNERS - [0.02, 0.0])
     for stamp in range(3):
         check.add(Observation(stamp, 1.0, True, "", None, moments=seen))
     here = Observation(2.0, 1.0, True, "", None, moments=seen)
@@ -520,7 +513,7 @@ def test_a_known_offset_explains_where_the_target_is_seen():
 
 
 def test_another_view_is_believed_from_the_third_image_and_beyond_noise():
-    wanted, other = of(CORNERS), of(CORNERS * [1.0, 0.2])
+    wanted, other = moments_of(CORNERS), moments_of(CORNERS * [1.0, 0.2])
     goal = Goal(depth=0.5, moments=wanted)
     slightly, noise = ([shaped(wanted, 3, 1, sign * size * THIRD) for sign in (1.0, -1.0)]
                        for size in (1.2, 3.0))  # fmt: skip

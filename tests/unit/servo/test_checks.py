@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from loop_rig import an_image, scaled
+from loop_rig import CORNERS, an_image, moments_of, scaled
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_camera.interaction import Plane
@@ -151,20 +151,13 @@ def test_an_oscillation_is_told_in_noise_and_while_it_grows(growth):
 
 
 # -- is it the target? -----------------------------------------------------------
-CORNERS = np.array([[-0.10, -0.05], [0.12, -0.04], [0.08, 0.06], [-0.03, 0.09]])
-
-
-def of(corners):
-    return Moments.from_polygon(np.asarray(corners), 4)
-
-
 def said_of(seen, wanted, count=3):
     evidence, see = ShapeCheck(), an_image(0.0, 0.1, moments=seen)
     return [evidence.add(see, Goal(moments=wanted)) for _ in range(count)]
 
 
 def test_three_strange_images_must_follow_each_other():
-    wanted, other = of(CORNERS), of(CORNERS * [1.0, 0.2])
+    wanted, other = moments_of(CORNERS), moments_of(CORNERS * [1.0, 0.2])
     evidence = ShapeCheck()
     said = [bool(evidence.add(an_image(0.0, 0.1, moments=seen), Goal(moments=wanted)))
             for seen in (other, other, wanted, other, other, other, other)]  # fmt: skip
@@ -177,7 +170,7 @@ def test_three_strange_images_must_follow_each_other():
 @pytest.mark.parametrize(("factor", "strange"), [(1.2, False), (1.3, True)])
 def test_how_spread_out_the_target_may_be(factor, strange):
     """Second moments that grow by a factor where the area stays: a ring for a disc, or back."""
-    wanted = of(CORNERS)
+    wanted = moments_of(CORNERS)
     for by, seen in ((factor, wanted), (1.0 / factor, scaled(wanted, 2.0))):
         centred = np.where(np.add.outer(*(np.arange(5),) * 2) == 2, by, 1.0) * seen.centred
         spread = Moments(4, "dense", seen.m00, seen.xg, seen.yg, centred)

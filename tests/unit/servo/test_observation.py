@@ -1,9 +1,8 @@
 """Observations from images, messages and exact geometry are equal."""
 
-import cv2
 import numpy as np
 import pytest
-from loop_rig import CAMERA, STARTS, the_arm, the_goal
+from loop_rig import CAMERA, STARTS, picture, the_arm, the_goal
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_camera.contour import CORNER_ACCURACY
@@ -29,15 +28,6 @@ def joints(t, q=None):
 def outline(q=None):
     pose = the_arm().pose(np.array(STARTS["2016"] if q is None else q, float))
     return the_goal("2016").target.compute_outline(pose)
-
-
-def picture(shape):
-    finer = 8
-    pixels = shape * [CAMERA.K[0], CAMERA.K[4]] + [CAMERA.K[2], CAMERA.K[5]]
-    fine = np.full((240 * finer, 320 * finer), 250, np.uint8)
-    fixed = np.round(((pixels + 0.5) * finer - 0.5) * 256.0).astype(np.int32)
-    cv2.fillPoly(fine, [fixed], 5, shift=8)
-    return cv2.resize(fine, (320, 240), interpolation=cv2.INTER_AREA)
 
 
 def test_a_picture_and_exact_geometry_say_the_same():

@@ -3,11 +3,10 @@
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 import yaml
-from loop_rig import CAMERA, STARTS, Rig, lost, the_arm, the_goal, the_servo
+from loop_rig import CAMERA, STARTS, Rig, lost, picture, the_arm, the_goal, the_servo
 
 from aras_visual_servo_controller import FeatureObserver, Goal, JointSample, create_scheme
 from aras_visual_servo_controller.laws import Proportional
@@ -22,15 +21,6 @@ NAMES = (
 @pytest.fixture(autouse=True)
 def examples_to_be_found(monkeypatch):
     monkeypatch.syspath_prepend(str(EXAMPLES))
-
-
-def picture(outline):
-    finer = 8
-    pixels = outline * [CAMERA.K[0], CAMERA.K[4]] + [CAMERA.K[2], CAMERA.K[5]]
-    fixed = np.round(((pixels + 0.5) * finer - 0.5) * 256.0).astype(np.int32)
-    fine = np.full((240 * finer, 320 * finer), 250, np.uint8)
-    cv2.fillPoly(fine, [fixed], 5, shift=8)
-    return cv2.resize(fine, (320, 240), interpolation=cv2.INTER_AREA)
 
 
 def look(observer, stamp, joints):

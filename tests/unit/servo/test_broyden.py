@@ -63,15 +63,6 @@ def test_small_motions_wraps_and_gaps_teach_nothing(error, image):
     np.testing.assert_allclose(found, 1.0, atol=1e-2)
 
 
-@pytest.mark.parametrize(("jump", "learnt"), [(1.0, True), (-1.0, True), (1.01, False)])
-def test_what_changes_by_more_than_any_camera_makes_is_not_learnt(jump, learnt):
-    estimator, L = BroydenEstimator(1.0, floor=1e-9), np.zeros((2, 6))
-    found = second(estimator, L, [0.5 + jump, 0.55], 10.0 * ALONG[1], begin=0.5)
-    expected = [10.0 * jump, 0.5] if learnt else [0.0, 0.0]
-    np.testing.assert_allclose(found[:, 1], expected, rtol=1e-6)
-    assert not found[:, [0, 2, 3, 4, 5]].any()
-
-
 def test_it_needs_no_more_than_its_name_and_may_be_an_estimator_of_ones_own():
     scheme = create_scheme("moments", Proportional(5.0), interaction="estimated")
     rig = Rig(the_servo(scheme=scheme, hold=1.0), STARTS["2016"])

@@ -185,16 +185,6 @@ def test_a_camera_is_the_same_one_to_a_thousandth_of_its_numbers_and_half_a_pixe
                 f"{width}x{height} px, fx 2000.00; this camera has 640x480 px, fx {2000 + fx:.2f}")
 
 
-def test_an_angle_is_the_shortest_turn_to_it():
-    turns = np.arange(-9.0, 9.0, 0.37)
-    for period in (2.0 * np.pi, np.pi):
-        found = base.wrap(turns) if period > 6.0 else base.wrap(turns, period)
-        assert np.abs(found).max() <= 0.5 * period
-        whole = (turns - found) / period
-        np.testing.assert_allclose(whole, np.round(whole), atol=1e-12)
-        assert base.wrap(0.5 * period, period) == -0.5 * period
-
-
 def test_units_of_a_stack_are_those_of_its_parts_also_where_one_says_none():
     class Own(base.Feature):
         names, tolerances, weights = ("u", "v"), (1.0, 2.0), (3.0, 4.0)

@@ -209,17 +209,6 @@ def test_joints_that_were_slow_on_the_way_to_a_limit_are_known():
     assert found.kind == "saturation" and "33 %" in found.reason
 
 
-@pytest.mark.parametrize(("size", "images", "kind"), [
-    (0.95, 45, "no_progress"), (1.05, 45, "too_noisy"), (5.0, 9, "no_progress"),
-    (5.0, 10, "too_noisy"),
-])  # fmt: skip
-def test_noise_of_a_tolerance_in_ten_images_is_worth_a_word(size, images, kind):
-    noise = np.random.default_rng(2).normal(size=images)
-    noise *= size / np.sqrt(np.mean(np.diff(noise, 2) ** 2) / 6.0)
-    errors = np.column_stack([np.zeros(images), 30.0 + noise])
-    assert timeout(errors, dt=1 / 30).kind == kind
-
-
 @pytest.mark.parametrize(("images", "dt", "kind"), [
     (20, 0.19, "no_progress"), (20, 0.21, "too_few_images"), (1, 0.075, "timed_out"),
     (2, 0.075, "no_progress"),  # one image alone shows no lack of progress

@@ -2,24 +2,10 @@
 
 from dataclasses import replace
 
+import loop_rig
 import numpy as np
 import pytest
-from loop_rig import (
-    CAMERA,
-    IMAGE_PERIOD,
-    STARTS,
-    Rig,
-    TolerantScheme,
-    a_solution,
-    an_image,
-    an_output,
-    lost,
-    scaled,
-    the_arm,
-    the_goal,
-    the_limits,
-    the_servo,
-)
+from loop_rig import CAMERA, STARTS, Rig, an_image, lost, the_arm, the_goal, the_limits, the_servo
 from test_target_check import STEADY, watched
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
@@ -145,7 +131,7 @@ def test_a_focal_length_somewhat_wrong_is_told_by_a_camera_that_also_comes_down(
 
     def look(*given):
         seen = rig.exact(*given)
-        return replace(seen, moments=scaled(seen.moments, 0.85))
+        return replace(seen, moments=loop_rig.scaled(seen.moments, 0.85))
 
     rig.look = look
     found = outcome_after(rig, 3.0)
@@ -385,7 +371,7 @@ def test_a_target_that_a_swing_has_lost_stays_lost_by_it():
 
 
 @pytest.mark.parametrize(("law", "settings", "size", "period", "kind", "words"), [
-    (3.5, {"delay": 0.4, "duration": 8.0}, 0.1, IMAGE_PERIOD, "gain_too_high", "lower the gain"),
+    (3.5, {"delay": 0.4, "duration": 8.0}, 0.1, 1 / 30, "gain_too_high", "lower the gain"),
     (0.3, {"duration": 4.0}, 0.3, 0.5, "too_few_images", "every 0.50 s"),
 ])  # fmt: skip
 def test_slow_swings_and_images_are_no_matter_of_time_or_a_higher_gain(
@@ -423,13 +409,14 @@ def test_noise_is_no_swing_when_the_time_is_over(noise, kind):
 
 
 def one_error(**settings):
-    return RunContext(ServoSettings(**settings), the_goal("2016"), TolerantScheme((1.0,)))
+    return RunContext(ServoSettings(**settings), the_goal("2016"), loop_rig.TolerantScheme((1.0,)))
 
 
 def answered(stamp, error, phase="servoing", arrived=None, observation=None):
     """An image whose scheme gave this error, of features without an L."""
-    state = ServoState(stamp, phase, scheme_output=an_output(error, names=("x",)),
-                       ik_solution=a_solution(np.eye(6)), arrival_status=arrived)  # fmt: skip
+    output, solution = loop_rig.an_output(error, names=("x",)), loop_rig.a_solution(np.eye(6))
+    state = ServoState(stamp, phase, scheme_output=output, ik_solution=solution,
+                       arrival_status=arrived)  # fmt: skip
     return ImageRecord(state, observation or an_image(stamp, 0.03))
 
 
@@ -475,7 +462,7 @@ def test_a_retreat_of_a_camera_that_swings_is_the_gain_s():
     for t in np.arange(28) / 30.0:  # until 0.9 s
         evidence.gain_check.add(t, np.array([20.0 * np.cos(6.0 * np.pi * t)]), None, 0.0)
     for stamp, distance in ((0.0, 1.0), (1.0, 9.0), (1.1, 9.0), (1.2, 9.0)):
-        seen = an_image(stamp, 0.03, moments=scaled(run.goal.moments, 1.0 / distance))
+        seen = an_image(stamp, 0.03, moments=loop_rig.scaled(run.goal.moments, 1.0 / distance))
         found = retreat.judge(answered(stamp, np.zeros(1), observation=seen), evidence)
     assert found.kind == "gain_too_high" and "retreated" in found.reason
 

@@ -7,23 +7,11 @@ import numpy as np
 import pytest
 from loop_rig import CAMERA, STARTS, TICK, Rig, the_limits, the_servo
 
-from aras_visual_servo_controller import Feature, JointSample, Task
-from aras_visual_servo_controller.errors import (
-    ConfigurationError,
-    InvalidTaskError,
-    MeasurementError,
-    SchemeError,
-)
+from aras_visual_servo_controller import Feature, JointController, JointSample, Task, errors
 from aras_visual_servo_controller.laws import Law, Proportional
 from aras_visual_servo_controller.records.outcomes import REMEDIES
 from aras_visual_servo_controller.records.state import HOLDING, SERVOING
-from aras_visual_servo_controller.schemes import (
-    FeatureScheme,
-    JointController,
-    Scheme,
-    SchemeOutput,
-    create_scheme,
-)
+from aras_visual_servo_controller.schemes import FeatureScheme, Scheme, SchemeOutput, create_scheme
 from aras_visual_servo_controller.schemes.scheme_call import check_goal, compute
 from aras_visual_servo_controller.schemes.time_limit import call_user_code
 
@@ -156,7 +144,7 @@ def test_what_is_wrong_with_a_decision_is_told(scheme, decision, words):
     asked = Wanting()
     vars(asked).update(scheme)
     given = {**GIVEN, "task": Task.from_twist(np.ones(6)), **decision}
-    with pytest.raises(SchemeError, match=f"^scheme mine {words}"):
+    with pytest.raises(errors.SchemeError, match=f"^scheme mine {words}"):
         compute(asked, SchemeOutput(("a", "b"), **given), None, name="mine")
     for rate in (0.5, [0.5, -0.5]):
         fine = SchemeOutput(("a", "b"), **GIVEN, task=Task.from_twist(np.ones(6)), error_drift=rate)
@@ -169,18 +157,18 @@ def test_a_goal_that_a_users_code_cannot_take_is_one_line():
             raise goal
 
     for error, words in (
-        (ConfigurationError("of its own"), "^of its own$"),
+        (errors.ConfigurationError("of its own"), "^of its own$"),
         (KeyError("x"), "^scheme 'theirs' cannot use the goal: KeyError: 'x'"),
         (SystemExit(3), "^scheme 'theirs' cannot use the goal: SystemExit: 3"),
     ):
-        with pytest.raises(ConfigurationError, match=words):
+        with pytest.raises(errors.ConfigurationError, match=words):
             check_goal("theirs", Own(), error, 1.0)
     for error, expected, words in (
-        (MeasurementError("dark"), MeasurementError, "dark"),
-        (SchemeError("own", ""), SchemeError, "own"),
+        (errors.MeasurementError("dark"), errors.MeasurementError, "dark"),
+        (errors.SchemeError("own", ""), errors.SchemeError, "own"),
         (KeyboardInterrupt(), KeyboardInterrupt, None),
-        (SystemExit(2), SchemeError, "^scheme theirs raised "),
-        (ValueError("no"), SchemeError, "^scheme theirs raised "),
+        (SystemExit(2), errors.SchemeError, "^scheme theirs raised "),
+        (ValueError("no"), errors.SchemeError, "^scheme theirs raised "),
     ):  # fmt: skip
         with pytest.raises(expected, match=words):
             call_user_code(Own().check, error, limit=1.0, scheme="theirs")
@@ -209,7 +197,7 @@ def test_a_fault_is_told_once_more_after_the_clock_went_back():
 
 
 def test_measurement_errors_are_the_images_and_not_the_schemes():
-    last = spoiled(raising(MeasurementError("a hand before the camera")), 0.3)[-1]
+    last = spoiled(raising(errors.MeasurementError("a hand before the camera")), 0.3)[-1]
     assert (last.reason, last.fault) == ("a hand before the camera", "")
     assert last.outcome != "scheme_fault"
     with pytest.raises(KeyboardInterrupt):  # is not swallowed
@@ -369,7 +357,7 @@ class Never(Unnamed):
     ("moments:", "unknown scheme"),
 ])  # fmt: skip
 def test_schemes_that_there_are_not(name, words):
-    with pytest.raises(ConfigurationError, match=re.escape(words)):
+    with pytest.raises(errors.ConfigurationError, match=re.escape(words)):
         create_scheme(name)
 
 
@@ -379,12 +367,12 @@ def test_what_a_scheme_does_not_take():
         ("moments", {"interaction": "meen"}, "unknown interaction 'meen': did you mean 'mean'"),
         ("moments", {"smoothing": -1.0}, "smoothing"),
     ):
-        with pytest.raises(ConfigurationError, match=words):
+        with pytest.raises(errors.ConfigurationError, match=words):
             create_scheme(name, **options)
     for output, words in (("torque", "position, velocity, acceleration"), (None, "unknown output")):
-        with pytest.raises(ConfigurationError, match=words):
+        with pytest.raises(errors.ConfigurationError, match=words):
             controlled(lambda *_: np.zeros(6), output)
-    with pytest.raises(ConfigurationError, match=r"cannot use goal_2016.yaml: KeyError: 'desired'"):
+    with pytest.raises(errors.ConfigurationError, match="cannot use goal_2016.yaml: KeyError"):
         the_servo("2016", FeatureScheme(Picky()))
 
 
@@ -399,7 +387,7 @@ def test_what_a_scheme_does_not_take():
     (lambda: Task.from_twist(np.zeros(6), np.ones(5)), "modelled must have the shape (6,), got"),
 ])  # fmt: skip
 def test_tasks_are_checked(make, words):
-    with pytest.raises(InvalidTaskError, match=re.escape(words)):
+    with pytest.raises(errors.InvalidTaskError, match=re.escape(words)):
         make()
 
 

@@ -10,12 +10,11 @@ from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_controller import (
     FEATURES,
     ConfigurationError,
-    FeatureObserver,
     Need,
-    ServoError,
     check_interaction_matrix,
 )
-from aras_visual_servo_controller.errors import InteractionMatrixError
+from aras_visual_servo_controller.errors import InteractionMatrixError, ServoError
+from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
 
 EXACT = {Need.MOMENTS, Need.CONTOUR, Need.CORNERS}
 # Those that one camera measures without images, of a target of any shape.

@@ -12,14 +12,8 @@ import yaml
 from loop_rig import PACKAGE
 
 from aras_visual_servo_camera.trackers import TRACKERS
-from aras_visual_servo_controller import ConfigurationError, Need
+from aras_visual_servo_controller import ConfigurationError, Need, kinematics
 from aras_visual_servo_controller.goals.starts import find_start_joints
-from aras_visual_servo_controller.kinematics import (
-    Arm,
-    JointLimitAvoidance,
-    PostureTask,
-    SingularityAvoidance,
-)
 from aras_visual_servo_controller.records.state import ServoSettings
 from aras_visual_servo_controller.settings import ControllerSettings
 
@@ -179,11 +173,11 @@ TWO_JOINTS = """<robot name="two">
 ])  # fmt: skip
 def test_a_start_that_is_none_of_this_arm_is_told(start, words):
     with pytest.raises(ConfigurationError, match=f"parameter ~start.*{words}"):
-        find_start_joints(start, Arm.from_urdf(TWO_JOINTS), PACKAGE)
+        find_start_joints(start, kinematics.Arm.from_urdf(TWO_JOINTS), PACKAGE)
 
 
 def test_a_start_of_two_joints_is_taken_as_words_or_by_name_or_by_the_camera_s_pose():
-    arm = Arm.from_urdf(TWO_JOINTS)
+    arm = kinematics.Arm.from_urdf(TWO_JOINTS)
     assert find_start_joints("none", arm, PACKAGE) is None
     for start in ("0.5 -0.4", "0.5, -0.4", "[0.5,-0.4]", (0.5, -0.4), {"k": -0.4, "j": 0.5}):
         found = find_start_joints(start, arm, PACKAGE)
@@ -208,12 +202,13 @@ def test_a_start_of_two_joints_is_taken_as_words_or_by_name_or_by_the_camera_s_p
     ({"lead": {"J1": 0.1}}, lambda loop: loop.settings.lead, (0.05, 0.1, 0.05, 0.05, 0.05, 0.05)),
     ({"stiffness": {"J2": 3.0}}, lambda loop: loop.settings.stiffness, (0, 0, 3.0, 0, 0, 0)),
     ({"duration": 2.5}, lambda loop: loop.settings.duration, 2.5),
-    ({}, lambda loop: (loop.settings.duration, *kinds(loop)), (np.inf, JointLimitAvoidance)),
+    ({}, lambda loop: (loop.settings.duration, *kinds(loop)),
+     (np.inf, kinematics.JointLimitAvoidance)),
     ({"limit_avoidance": False}, lambda loop: kinds(loop), ()),
     ({"posture": {"J1": 0.1}, "posture_gain": 2.0}, lambda loop: kinds(loop),
-     (PostureTask, JointLimitAvoidance)),
+     (kinematics.PostureTask, kinematics.JointLimitAvoidance)),
     ({"singularity_avoidance": True}, lambda loop: kinds(loop),
-     (JointLimitAvoidance, SingularityAvoidance)),
+     (kinematics.JointLimitAvoidance, kinematics.SingularityAvoidance)),
     ({"elbow": 1}, lambda loop: loop.differential_ik.elbows[0].bend_side, 1.0),
 ])  # fmt: skip
 def test_the_loop_gets_what_is_given(arm, given, read, expected):

@@ -2,20 +2,10 @@
 
 from dataclasses import replace
 
+import loop_rig
 import numpy as np
 import pytest
-from loop_rig import (
-    CAMERA,
-    IMAGE_PERIOD,
-    STARTS,
-    TICK,
-    Rig,
-    a_solution,
-    the_arm,
-    the_goal,
-    the_limits,
-    the_servo,
-)
+from loop_rig import CAMERA, IMAGE_PERIOD, STARTS, TICK, Rig, the_arm, the_limits, the_servo
 
 from aras_visual_servo_controller import ConfigurationError, Goal, JointSample, Task
 from aras_visual_servo_controller.features.moments import ImageMoments
@@ -50,7 +40,7 @@ def test_errors_decay_as_the_gain_says(gain=5.0):
     # The square with its patch, without the thickness that is no matter of the law's.
     x, y = np.array([[-25, -17.5, -17.5, 7.5, 7.5, 25, 25, -25],
                      [-25, -25, -37.5, -37.5, -25, -25, 25, 25]]) / 1000.0  # fmt: skip
-    flat, arm, wanted = np.c_[x, y, np.full(8, 0.5905)], the_arm(), the_goal("2016")
+    flat, arm, wanted = np.c_[x, y, np.full(8, 0.5905)], the_arm(), loop_rig.the_goal("2016")
 
     def look(observer, t, joints):
         pose = arm.pose(joints.positions)
@@ -557,7 +547,8 @@ def test_settings_of_another_arm_are_refused():
 
 def test_a_state_that_was_read_back_tells_what_its_resolution_does():
     resolution = replace(
-        a_solution(np.eye(6)), desired_twist=np.arange(6.0), achieved_twist=np.arange(6.0) / 2.0,
+        loop_rig.a_solution(np.eye(6)), desired_twist=np.arange(6.0),
+        achieved_twist=np.arange(6.0) / 2.0,
         recorded_singular_values=(np.array([3.0, 0.5]), np.array([1.0])))
     state = ServoState(0.5, "servoing", ik_solution=resolution)
     assert state.desired_twist is resolution.desired_twist

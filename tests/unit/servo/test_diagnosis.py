@@ -321,7 +321,7 @@ def to_a_square():
 
 @pytest.mark.parametrize(("first", "then", "kind"), [
     (1.0, 2.9, "running"), (1.0, 3.1, "camera_retreat"), (0.4, 2.9, "running"),
-    (2.0, 5.9, "running"), (2.0, 6.1, "camera_retreat"),
+    (0.4, 3.1, "camera_retreat"), (2.0, 5.9, "running"), (2.0, 6.1, "camera_retreat"),
 ])  # fmt: skip
 def test_a_camera_far_behind_start_and_goal_has_retreated(first, then, kind):
     diagnosis = Diagnosis(to_a_square())

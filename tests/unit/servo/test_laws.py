@@ -23,16 +23,22 @@ def rate(law, error=E, t=0.0, dt=DT, rotated=ROTATED):
     return law.desired_error_rate(np.asarray(error, float), L, rotated, t, dt)
 
 
-def test_proportional_and_diagonal():
-    np.testing.assert_allclose(rate(Proportional(3.0)), -3.0 * E)
-    np.testing.assert_allclose(rate(Diagonal([1.0, 2.0, 30.0])), [-0.2, 0.2, -1.2])
-
-
-@pytest.mark.parametrize(("size", "sign"), [(0.0, 1.0), (0.01, -1.0), (0.07, 1.0), (5.0, -1.0)])
-def test_adaptive_is_visps_on_the_largest_component(size, sign):
+def of_adaptive(size, sign):
+    """ViSP's gain, of the largest component, and the rate by it."""
     rotated = np.array([0.0, 0.0, sign * size, 0.5 * size, 0.0, -0.2 * size])
     gain = (4.0 - 0.4) * np.exp(-30.0 * size / (4.0 - 0.4)) + 0.4
-    np.testing.assert_allclose(rate(Adaptive(4.0, 0.4, 30.0), rotated=rotated), -gain * E)
+    return Adaptive(4.0, 0.4, 30.0), rotated, -gain * E
+
+
+@pytest.mark.parametrize(("law", "rotated", "expected"), [
+    (Proportional(3.0), ROTATED, -3.0 * E),
+    (Diagonal([1.0, 2.0, 30.0]), ROTATED, [-0.2, 0.2, -1.2]),
+    (SlidingMode(3.0, 0.02, 0.1), ROTATED, -3.0 * E - 0.02 * np.array([1.0, -1.0, 0.4])),
+    (SlidingMode(3.0, 0.02, 0.05), ROTATED, -3.0 * E - 0.02 * np.array([1.0, -1.0, 0.8])),
+    of_adaptive(0.0, 1.0), of_adaptive(0.01, -1.0), of_adaptive(0.07, 1.0), of_adaptive(5.0, -1.0),
+])  # fmt: skip
+def test_the_rate_of_each_law(law, rotated, expected):
+    np.testing.assert_allclose(rate(law, rotated=rotated), expected, atol=1e-15)
 
 
 def test_pi_takes_away_what_a_steady_drift_leaves():
@@ -61,13 +67,6 @@ def test_the_integral_is_that_of_the_error_is_bounded_and_is_reset(bound, most):
     rate(law, dt=0.1)
     law.reset()
     np.testing.assert_allclose(rate(law, dt=0.0), -2.0 * E)
-
-
-def test_sliding_mode_is_proportional_plus_a_bounded_switch():
-    for width, last in ((0.1, 0.4), (0.05, 0.8)):
-        switch = np.array([1.0, -1.0, last])
-        found = rate(SlidingMode(3.0, 0.02, width))
-        np.testing.assert_allclose(found, -3.0 * E - 0.02 * switch, atol=1e-15)
 
 
 def test_continuous_start_begins_at_rest_and_ends_as_the_law(begin=7.0):

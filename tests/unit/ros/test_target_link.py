@@ -87,3 +87,10 @@ def test_what_is_not_there_is_said_in_one_line(asked, link, why):
     status, told = asked(link, "mesh")
     assert status == 1 and told.out == ""
     assert why in told.err and told.err.count("\n") == 1
+
+
+def test_a_folder_that_cannot_be_made_is_one_line(asked, tmp_path):
+    (tmp_path / "aras_targets").write_text("a file")
+    status, told = asked("crate::body", "mesh")
+    assert status == 1 and told.out == ""
+    assert "the mesh into" in told.err and told.err.count("\n") == 1

@@ -168,11 +168,14 @@ def test_what_joints_did_goes_on_when_the_base_is_held(world, make):
     assert model.read_joints()[2] == [2.0]
 
 
-def test_a_push_of_the_arm_beyond_friction_moves_the_base(world, make):
+@pytest.mark.parametrize("where", ["world", "shown"])
+def test_a_push_of_the_arm_beyond_friction_moves_the_base(request, make, where):
     """12 kg with 0.5 hold 58.8 N; of 100 N the base takes what is left."""
+    world = request.getfixturevalue(where)
     model = world.spawn(cart(make, height=0.1), "cart")
     steps(world, 200)
     steps(world, 50, model, 50.0)
+    assert model.joints.has_own_dynamics is (where == "world")
     assert model.fixed_base
     steps(world, 100, model, 100.0)
     assert not model.fixed_base

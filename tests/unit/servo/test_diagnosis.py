@@ -541,3 +541,25 @@ def test_limits_that_parameters_narrow_are_to_be_widened():
     assert "with joints beyond the limits of J2" in found.reason
     with pytest.raises(ValueError, match="'timed out' is not a kind of event"):
         diagnose(run, [RunEvent("timed out")])
+
+
+def test_images_that_an_earlier_diagnosis_has_reported_do_not_look_like_a_jump():
+    class Busy(DiagnosisRule):
+        """Reports an outcome for every second group of five images, before other diagnoses."""
+
+        def judge(self, record, evidence):
+            is_busy = round(30.0 * record.state.stamp) // 5 % 2
+            return outcomes.make_outcome("target_lost", "busy") if is_busy else None
+
+    DIAGNOSES.register("busy")(Busy)
+    rig, records = Rig(the_servo("2016"), STARTS["2016"]), []
+    rig.servo.on_record = records.append
+    rig.run(2.0)
+    diagnosis = Diagnosis(rig.servo.diagnosis.run_context, ("busy", *ORDER))
+    for record in records:
+        evidence = diagnosis.evidence
+        diagnosis.add(record)
+        steps = evidence.motion_check.step_check
+        assert steps.first_jump is None and not evidence.find_contradiction()
+        assert not (evidence.target_motion or evidence.camera_fault)
+    assert steps.has_enough_motion and steps.correlation > 0.99

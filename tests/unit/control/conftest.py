@@ -1,10 +1,9 @@
 """Robot without physics engine: unit masses that are driven by efforts or by positions."""
 
-import logging
 import socket
 import struct
 import sys
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
@@ -17,7 +16,6 @@ from aras_sim_bridge.description import (
     Joint,
     JointLimits,
     RobotDescription,
-    SoftLimits,
     Transmission,
 )
 
@@ -30,13 +28,8 @@ def limits_of(lower=-2.0, upper=2.0, velocity=5.0, effort=100.0):
     return JointLimits(lower, upper, effort, velocity)
 
 
-def soft_limits_of(lower=-1.5, upper=1.5, k_position=10.0, k_velocity=20.0):
-    return SoftLimits(lower, upper, k_position, k_velocity)
-
-
 def joint_of(name, kind="revolute", interface="EffortJointInterface", limits=None, **more):
-    """Return a joint and its transmission; `limits`: JointLimits, or 'none'; `more`: fields of the
-    transmission."""
+    """Joint and transmission; `limits`: JointLimits, or 'none'; `more`: of the transmission."""
     limits = {None: limits_of(), "none": None}.get(limits, limits)
     full = PREFIX + interface if interface else ""
     transmission = Transmission(
@@ -46,11 +39,7 @@ def joint_of(name, kind="revolute", interface="EffortJointInterface", limits=Non
 
 
 class UnitMasses(SimulatedRobot):
-    """Unit masses, one a joint.
-
-    `stuck` joints do not move, `stops` are upper stops by joint, and `calls` lists the calls of the
-    hardware.
-    """
+    """`stuck` joints do not move, `stops` are upper stops, `calls` lists the hardware's calls."""
 
     def __init__(self, names):
         self.joint_names = tuple(names)
@@ -80,7 +69,6 @@ class UnitMasses(SimulatedRobot):
         self.calls.append(("bound", joint, fastest))
 
     def integrate(self, dt):
-        """Integrate by semi-implicit Euler over dt, s."""
         for k, name in enumerate(self.joint_names):
             if name not in self.stuck:
                 self.v[k] += self.tau[k] * dt
@@ -89,19 +77,22 @@ class UnitMasses(SimulatedRobot):
 
 @dataclass
 class Rig:
-    """Model, hardware, manager and loop with a simulated clock; `log` collects messages."""
+    """Model, hardware, manager and loop with a simulated clock; `log`: texts of what was logged."""
 
     model: UnitMasses
     hardware: RobotHardware
     manager: ControllerManager
     loop: ControlLoop
-    log: list = field(default_factory=list)
+    caplog: pytest.LogCaptureFixture
     time_ns: int = 0
     step_ns: int = 1_000_000
     physics: bool = True
 
+    @property
+    def log(self):
+        return self.caplog.messages
+
     def step(self, n=1):
-        """Make n physics steps."""
         for _ in range(n):
             self.time_ns += self.step_ns
             self.loop.step(self.time_ns)
@@ -109,7 +100,6 @@ class Rig:
                 self.model.integrate(self.step_ns / 1e9)
 
     def run(self, *names):
-        """Load and start controllers; returns them."""
         controllers = [self.manager.load(name) for name in names]
         request = self.manager.switch(names, [], 2)
         self.step()
@@ -118,8 +108,6 @@ class Rig:
 
 
 class Connection:
-    """rospy's connection to a subscriber, whose end of the socket is `far`."""
-
     endpoint_id = "/listener"
 
     def __init__(self):
@@ -130,11 +118,10 @@ class Connection:
         self.socket.close()
 
     def bodies(self, count):
-        """Read so many messages."""
-        sizes = (struct.unpack("<I", self._read(4))[0] for _ in range(count))
-        return [self._read(size) for size in sizes]
+        sizes = (struct.unpack("<I", self.read(4))[0] for _ in range(count))
+        return [self.read(size) for size in sizes]
 
-    def _read(self, size):
+    def read(self, size):
         data = b""
         while len(data) < size:
             data += self.far.recv(size - len(data))
@@ -166,7 +153,6 @@ class AdvertisedTopic:
 
 @pytest.fixture
 def ros(monkeypatch):
-    """The topic that rospy advertises for the test."""
     import rospy
 
     topic = AdvertisedTopic()
@@ -194,37 +180,12 @@ def make_limits():
 
 
 @pytest.fixture
-def make_soft():
-    return soft_limits_of
-
-
-class LogLines(logging.Handler):
-    """Handler that collects the texts of log records in `lines`."""
-
-    def __init__(self):
-        super().__init__()
-        self.lines = []
-
-    def emit(self, record):
-        self.lines.append(record.getMessage())
-
-
-@pytest.fixture
-def log_lines():
-    """Texts of the records that the control package has logged for the newest rig."""
-    handler, logger = LogLines(), logging.getLogger("aras_sim_bridge.control")
-    logger.addHandler(handler)
-    yield handler.lines
-    logger.removeHandler(handler)
-
-
-@pytest.fixture
-def make_rig(log_lines):
+def make_rig(caplog):
     """Factory: make_rig([make_joint(...), ...], parameters, step_ns, control_period_ns)."""
 
     def make(joints, parameters=None, step_ns=1_000_000, control_period_ns=None, physics=True,
              q=None):
-        log_lines.clear()
+        caplog.clear()
         description = RobotDescription(
             "robot", "base", {}, {joint.name: joint for joint, _ in joints},
             tuple(transmission for _, transmission in joints),
@@ -235,6 +196,6 @@ def make_rig(log_lines):
         hardware = RobotHardware(description, model, parameters, "/robot")
         manager = ControllerManager(hardware, parameters, "/robot")
         loop = ControlLoop(hardware, manager, step_ns, control_period_ns)
-        return Rig(model, hardware, manager, loop, log_lines, 0, step_ns, physics)
+        return Rig(model, hardware, manager, loop, caplog, 0, step_ns, physics)
 
     return make

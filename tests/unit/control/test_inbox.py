@@ -21,14 +21,12 @@ STEP_NS = 1_000_000
 class Publisher:
     """The other end of a stream; `acted` lists what acted, `ended` says that it is over."""
 
-    def __init__(self, inbox: MessageReceiver, bodies: list[bytes] = (), rest: bytes = b"") -> None:
-        self.end, ours = socket.socketpair()
-        self.ours = ours
+    def __init__(self, inbox: MessageReceiver) -> None:
+        self.end, self.ours = socket.socketpair()
         self.acted: list[int] = []
         self.ended = threading.Event()
         self.stream = MessageStream(
-            ours, lambda body: self.acted.append(int(body)), self.ended.set, bodies, rest
-        )
+            self.ours, lambda body: self.acted.append(int(body)), self.ended.set)
         inbox.add(self.stream)
 
     def send(self, *numbers: int) -> None:
@@ -48,24 +46,14 @@ def inbox():
 
 
 @pytest.mark.parametrize("begin", [0, 1])
-def test_messages_act_in_order_one_a_step(inbox, begin):
+def test_messages_act_in_order_one_a_step_however_often_it_is_looked_for(inbox, begin):
     publisher = Publisher(inbox)
     publisher.send(1, 2, 3)
     for step in range(3):
         assert inbox.deliver(begin + step * STEP_NS, 2)
+        assert not inbox.deliver(begin + step * STEP_NS, 2)
         assert publisher.acted == [1, 2, 3][: step + 1]
     assert not inbox.deliver(begin + 3 * STEP_NS, 2)
-
-
-def test_the_last_word_acts_in_a_step_that_had_its_message(inbox):
-    publisher = Publisher(inbox)
-    publisher.send(1)
-    inbox.deliver(STEP_NS, 8)
-    publisher.send(2, 3)
-    publisher.end.close()
-    assert inbox.deliver(STEP_NS, 8) or inbox.deliver(STEP_NS, 8)  # the message, then the end
-    inbox.deliver(2 * STEP_NS, 8)
-    assert publisher.acted[-1] == 3 and publisher.ended.is_set()
 
 
 def test_what_is_passed_over_is_counted_by_stream_until_it_is_asked_for(inbox):
@@ -82,40 +70,18 @@ def test_what_is_passed_over_is_counted_by_stream_until_it_is_asked_for(inbox):
     assert inbox.take_skipped_count() == 3
 
 
-def test_the_longest_message_that_may_be_is_read(inbox):
-    assert (LARGEST_MESSAGE, BUFFER_SIZE) == (16 * 1024 * 1024, 1024 * 1024)
-    publisher = Publisher(inbox)
-    publisher.end.sendall(struct.pack("<I", LARGEST_MESSAGE))
-    inbox.deliver(0, 1)
-    assert not publisher.ended.is_set()
-
-
-def test_all_streams_end_with_the_box():
-    box = MessageReceiver()
-    publishers = [Publisher(box) for _ in range(2)]
-    box.close()
-    assert all(publisher.ended.is_set() for publisher in publishers)
-    publishers[0].send(1)
-    assert not box.deliver(0, 0) and not publishers[0].acted
-
-
-def test_a_step_takes_one_message_however_often_it_is_looked_for(inbox):
-    publisher = Publisher(inbox)
-    publisher.send(1, 2)
-    inbox.deliver(0, 8)
-    inbox.deliver(0, 8)
-    assert publisher.acted == [1]
-    inbox.deliver(STEP_NS, 8)
-    assert publisher.acted == [1, 2]
-
-
-def test_without_backlog_the_newest_that_arrived_acts_in_the_step(inbox):
+def test_without_backlog_the_newest_and_always_the_last_word_act_in_the_step(inbox):
     publisher = Publisher(inbox)
     publisher.send(1, 2, 3)
     inbox.deliver(0, 0)
     publisher.send(4)
     inbox.deliver(0, 0)
     assert publisher.acted == [3, 4]
+    publisher.send(5, 6)
+    publisher.end.close()
+    assert inbox.deliver(0, 8) or inbox.deliver(0, 8)  # the message, then the end
+    inbox.deliver(STEP_NS, 8)
+    assert publisher.acted[-1] == 6 and publisher.ended.is_set()
 
 
 def test_a_message_in_pieces_acts_when_it_is_whole(inbox):
@@ -127,14 +93,15 @@ def test_a_message_in_pieces_acts_when_it_is_whole(inbox):
         assert publisher.acted == [12345] * (k >= 8) + [678] * (k >= 15)
 
 
-def test_nonsense_ends_its_stream_alone(inbox):
-    mad, sane = Publisher(inbox), Publisher(inbox)
+def test_a_message_longer_than_any_ends_its_stream_alone(inbox):
+    assert (LARGEST_MESSAGE, BUFFER_SIZE) == (16 * 1024 * 1024, 1024 * 1024)
+    long, mad, sane = (Publisher(inbox) for _ in range(3))
+    long.end.sendall(struct.pack("<I", LARGEST_MESSAGE))
     mad.end.sendall(struct.pack("<I", LARGEST_MESSAGE + 1))
     sane.send(1)
     inbox.deliver(0, 1)
-    assert mad.ended.is_set()
+    assert [one.ended.is_set() for one in (long, mad, sane)] == [False, True, False]
     assert sane.acted == [1]
-    assert not sane.ended.is_set()
 
 
 def test_a_socket_closed_under_it_is_no_fault(inbox):
@@ -142,29 +109,26 @@ def test_a_socket_closed_under_it_is_no_fault(inbox):
     publisher.ours.close()
     inbox.deliver(0, 1)
     other = Publisher(inbox)  # likely under the same number
-    other.send(5)
-    inbox.deliver(STEP_NS, 1)
-    assert other.acted == [5]
-    inbox.remove(publisher.stream)
-    assert publisher.ended.is_set()
-    other.send(6)
-    inbox.deliver(2 * STEP_NS, 1)
-    assert other.acted == [5, 6]
-
-
-def test_a_stream_that_is_closed_before_it_is_read_has_ended(inbox):
+    for number in (5, 6):
+        other.send(number)
+        inbox.deliver(number * STEP_NS, 1)
+        inbox.remove(publisher.stream)
+        assert publisher.ended.is_set() and other.acted[-1] == number
     acted, ended, (ours, _) = [], threading.Event(), socket.socketpair()
-    ours.close()
+    ours.close()  # before it is read
     inbox.add(MessageStream(ours, acted.append, ended.set, [b"1"]))
     assert ended.is_set() and not inbox.deliver(0, 0) and not acted
 
 
-def test_a_command_wakes_who_waits_for_commands(inbox):
-    publisher = Publisher(inbox)
-    assert not inbox.wait(0.0)
+def test_a_command_wakes_who_waits_for_commands():
+    box = MessageReceiver()
+    publisher = Publisher(box)
+    assert not box.wait(0.0)
     publisher.send(1)
-    assert inbox.wait(10.0) is True
-    assert inbox.wait(0.0, commands=False) is False
+    assert box.wait(10.0) is True
+    assert box.wait(0.0, commands=False) is False
+    box.close()  # all streams end with it
+    assert publisher.ended.is_set() and not box.deliver(0, 0) and not publisher.acted
 
 
 def test_the_bell_wakes_once_for_each_look(inbox):

@@ -1,5 +1,6 @@
 """Interpolated set points: values, continuity, and activation."""
 
+from itertools import pairwise
 from math import pi
 
 import pytest
@@ -41,7 +42,7 @@ def test_a_steady_stream_is_followed_one_interval_and_3_ms_behind(interval):
     behind = [speed * k / 1000 - value for k, value in enumerate(values, 1)]
     wanted = speed * (max(interval, 2) - 1 + 3) / 1000
     assert behind[-200:] == pytest.approx([wanted] * 200, abs=1e-5 * speed * interval)
-    steps = [b - a for a, b in zip(values[-200:], values[-199:], strict=False)]
+    steps = [b - a for a, b in pairwise(values[-200:])]
     assert steps == pytest.approx([speed / 1000] * 199, rel=2e-3)
 
 
@@ -50,25 +51,18 @@ def test_one_command_is_reached_exactly_and_never_passed():
     it.start(0.25)
     values = follow(it, {1: 0.35}, 300)
     assert values[-1] == 0.35
-    assert all(b >= a for a, b in zip(values, values[1:], strict=False))
     # 33 ms of line (0.1 rad takes 20 ms at 5 rad/s), nearly all of it within 50 ms.
     assert values[30] < 0.34 < values[50]
-    assert max(b - a for a, b in zip(values, values[1:], strict=False)) <= 0.1 / 33
+    assert all(0.0 <= b - a <= 0.1 / 33 for a, b in pairwise(values))
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_far_command_is_approached_at_the_joint_s_velocity_limit(sign):
-    it = interpolation(velocity=2.0)
-    values = follow(it, {1: sign * 3.0}, 2000)
-    assert max(abs(b - a) for a, b in zip(values, values[1:], strict=False)) \
-        == pytest.approx(0.002, rel=1e-6)
-    assert sign * values[1400] < 3.0
-    assert values[-1] == sign * 3.0
-
-
-def test_without_a_velocity_limit_a_far_command_takes_the_usual_interval():
+    values = follow(interpolation(velocity=2.0), {1: sign * 3.0}, 2000)
+    assert max(abs(b - a) for a, b in pairwise(values)) == pytest.approx(0.002, rel=1e-6)
+    assert sign * values[1400] < 3.0 and values[-1] == sign * 3.0
     for it in (CommandInterpolator(JointHandle("a", "prismatic")),
-               interpolation("prismatic", velocity=0.0)):
+               interpolation("prismatic", velocity=0.0)):  # none: it takes the usual interval
         assert follow(it, {1: 50.0}, 80)[-1] == pytest.approx(50.0, abs=1e-3)
 
 
@@ -87,7 +81,6 @@ def test_a_command_beyond_half_a_turn_goes_the_way_that_steps_go(kind, lower, up
 
 
 def test_pauses_and_a_clock_set_back_do_not_change_the_interval():
-    """The first line of a new stream takes as long as the last ones of the stream before."""
     for again_ms in (400, 700_000, -300):
         it = interpolation()
         values = follow(it, {k: 0.0 for k in range(1, 600, 10)}, 700)
@@ -99,7 +92,6 @@ def test_pauses_and_a_clock_set_back_do_not_change_the_interval():
 
 
 def test_the_set_point_does_not_depend_on_the_control_period():
-    """Lines in time, not in cycles: after 20 ms of 1 ms or 5 ms cycles, the same place."""
     fine, coarse = interpolation(), interpolation()
     for it, period in ((fine, 0.001), (coarse, 0.005)):
         set_interpolation_target(it.row, 0.1, MS)
@@ -108,71 +100,38 @@ def test_the_set_point_does_not_depend_on_the_control_period():
     assert coarse.value == pytest.approx(fine.value, abs=0.1 * 0.002 / 0.033)
 
 
-PREFIX = {"effort": "EffortJointInterface", "velocity": "VelocityJointInterface"}
+TYPES = [
+    ("effort_controllers/JointPositionController", "effort_command", {"joint": "a"}),
+    ("velocity_controllers/JointPositionController", "velocity_command", {"joint": "a"}),
+    ("effort_controllers/JointGroupPositionController", "effort_command", {"joints": ["a"]}),
+]
 
 
-@pytest.fixture(params=["effort_controllers/JointPositionController",
-                        "velocity_controllers/JointPositionController",
-                        "effort_controllers/JointGroupPositionController"])
-def rig_of(request, make_rig, make_joint):
-    """make(interpolate=…) gives (rig, give a command, the set point's error times 10)."""
-
-    def make(**parameters):
-        output = request.param.split("_")[0]
-        joint = make_joint("a", interface=PREFIX[output])
-        own = {"type": request.param, "joint": "a", "pid": {"p": 10.0}, **parameters}
-        group = "Group" in request.param
-        if group:
-            own |= {"joints": ["a"], "a": {"pid": {"p": 10.0}}}
-        rig = make_rig([joint], {"c": own}, physics=False)
-        rig.model.q[0] = 0.5
-        controller = rig.run("c")
-        handle = rig.hardware.handles["a"]
-
-        def give(value):
-            controller.set_command([value] if group else value)
-
-        return rig, give, lambda: getattr(handle, f"{output}_command")
-
-    return make
-
-
-def test_position_controllers_interpolate_where_the_parameter_says_so(rig_of):
-    rig, give, output = rig_of(interpolate=True)
-    give(0.6)
-    outputs = []
-    for _ in range(200):
-        rig.step()
-        outputs.append(output())
-    jumps = [b - a for a, b in zip([0.0, *outputs], outputs, strict=False)]
-    assert max(jumps) < 1.0 / 30
-    assert outputs[-1] == pytest.approx(10 * (0.6 - 0.5))
-
-
-@pytest.mark.parametrize("parameters", [{}, {"interpolate": False}])
-def test_without_it_a_command_is_a_step(rig_of, parameters):
-    rig, give, output = rig_of(**parameters)
-    give(0.6)
-    rig.step()
-    assert output() == 10.0 * (0.6 - 0.5)
+@pytest.mark.parametrize(("kind", "output", "joints"), TYPES)
+def test_position_controllers_interpolate_where_the_parameter_says_so(
+    make_rig, make_joint, kind, output, joints
+):
+    own = {"type": kind, "pid": {"p": 10.0}, "a": {"pid": {"p": 10.0}}, **joints}
+    joint = make_joint("a", interface=f"{kind.split('_')[0].title()}JointInterface")
+    for given, jump in (({"interpolate": True}, 0.03), ({"interpolate": False}, 1.0), ({}, 1.0)):
+        rig = make_rig([joint], {"c": {**own, **given}}, physics=False, q=[0.5])
+        rig.run("c").set_command([0.6] if "joints" in joints else 0.6)
+        outputs = [0.0]
+        for _ in range(200):
+            rig.step()
+            outputs.append(getattr(rig.hardware.handles["a"], output))
+        assert max(b - a for a, b in pairwise(outputs)) == pytest.approx(jump, rel=0.02)
+        assert outputs[-1] == pytest.approx(10 * (0.6 - 0.5))
 
 
 def test_the_set_point_stays_within_the_limits_and_state_shows_it(make_rig, make_joint):
-    own = {"type": "effort_controllers/JointPositionController", "joint": "a",
-           "pid": {"p": 10.0}, "interpolate": True}
+    own = {"type": TYPES[0][0], "joint": "a", "pid": {"p": 10.0}, "interpolate": True}
     rig = make_rig([make_joint("a")], {"c": own}, physics=False)
-    controller = rig.run("c")
-    states = []
+    controller, states = rig.run("c"), []
     controller.on_state = states.append
     controller.set_command(7.0)
     rig.step(900)
-    assert states[0].set_point < 0.2
-    assert states[-1].set_point == 2.0
+    assert states[0].set_point < 0.2 and states[-1].set_point == 2.0
     for state in states:
         assert state.error == state.set_point - state.process_value
         assert state.command == pytest.approx(10.0 * state.error)
-
-
-def test_an_ill_typed_parameter_is_named(rig_of):
-    with pytest.raises(Exception, match="/robot/c/interpolate is .*, must be true or false"):
-        rig_of(interpolate=1)

@@ -1,12 +1,15 @@
-"""Messages through sockets that accept them at once, later, or never."""
+"""Messages through sockets that accept them at once, later, or never; rospy's publishers too."""
 
-import contextlib
 import socket
 import time
 import weakref
 
 import pytest
+import rospy
+from rospy.exceptions import TransportTerminated
 
+from aras_visual_servo_ros import rospy_patches as connections
+from aras_visual_servo_ros.rospy_patches import DirectConnection, send_to_others_only
 from aras_visual_servo_ros.send_queue import QueueFlusher, SendQueue
 
 SIZE = 300_000  # of a message: more than the socket below takes at once
@@ -40,79 +43,41 @@ def message(n: int) -> tuple[bytes, memoryview]:
     return bytes([n]) * 10, memoryview(Pixels(bytes([n]) * (SIZE - 10)))
 
 
-def received(theirs: socket.socket, size: int) -> bytes:
+def received(end: socket.socket, size: int) -> bytes:
     data = bytearray()
     while len(data) < size:
-        data += theirs.recv(65_536)
+        data += end.recv(size - len(data))
     return bytes(data)
 
 
-def test_rest_of_a_message_follows_without_another_one(line):
-    lane, theirs, _, flusher = line
-    lane.send(message(7))
-    assert lane.has_unsent  # otherwise this test would show nothing
-    assert received(theirs, SIZE) == bytes([7]) * SIZE
-
-
-def test_slow_listener_gets_whole_messages_and_the_newest(line):
-    lane, theirs, lost, _ = line
-    start = time.monotonic()
-    for n in range(1, 21):
-        lane.send(message(n))
-    assert time.monotonic() - start < 1.0  # the sender never waited
-    data = received(theirs, (1 + QUEUE) * SIZE)
-    got = [data[i] for i in range(0, len(data), SIZE)]
-    assert got == [1, 19, 20]
-    assert data == b"".join(bytes([n]) * SIZE for n in got)
-    theirs.settimeout(0.2)
-    with pytest.raises(TimeoutError):
-        theirs.recv(1)
-    assert not lost
-
-
-def test_next_message_waits_behind_the_rest_of_the_one_before(line):
-    lane, theirs, _, flusher = line
-    for n in (1, 2):
-        lane.send(message(n))
-    assert received(theirs, 2 * SIZE) == bytes([1]) * SIZE + bytes([2]) * SIZE
-    lane.send(message(3))
-    assert received(theirs, SIZE) == bytes([3]) * SIZE
+def until(predicate) -> None:
+    end = time.monotonic() + 5.0
+    while not predicate() and time.monotonic() < end:
+        time.sleep(0.001)
 
 
 def test_who_is_behind_is_told_until_it_has_taken_all_or_is_given_up(line):
     lane, theirs, _, flusher = line
+    told = []
+    flusher.on_progress = lambda: told.append(lane.has_unsent)
     lane.send(message(1))
     assert lane.has_unsent
     assert not lane.is_behind  # the socket has the beginning; the next message finds a place
     lane.send(message(2))
-    assert lane.is_behind
-    assert lane in flusher.list_behind()
+    assert lane.is_behind and lane in flusher.list_behind()
     lane.is_abandoned = True
     assert lane not in flusher.list_behind()
-    assert received(theirs, 2 * SIZE) == bytes([1]) * SIZE + bytes([2]) * SIZE
-    end = time.monotonic() + 5.0
-    while lane.is_abandoned and time.monotonic() < end:
-        time.sleep(0.001)
+    for n in (1, 2):  # the rest follows without another message
+        assert received(theirs, SIZE) == bytes([n]) * SIZE
+    until(lambda: told and not told[-1])
+    assert told[-1] is False
+    until(lambda: not lane.is_abandoned)
     for n in (3, 4):
         lane.send(message(n))
     assert lane.is_behind  # it is waited for again
 
 
-def test_somebody_is_told_when_a_socket_took_more(line):
-    lane, theirs, _, flusher = line
-    told = []
-    flusher.on_progress = lambda: told.append(lane.has_unsent)
-    lane.send(message(1))
-    received(theirs, SIZE)
-    end = time.monotonic() + 5.0
-    while (not told or told[-1]) and time.monotonic() < end:
-        time.sleep(0.001)
-    assert told[-1] is False
-
-
 class Sip:
-    """Socket that accepts a limited number of bytes at a time."""
-
     def __init__(self, most: int) -> None:
         self.most, self.taken = most, b""
 
@@ -139,14 +104,9 @@ def test_lost_listener_is_reported_once(line):
     lane, theirs, lost, _ = line
     lane.send(message(1))
     theirs.close()
-    end = time.monotonic() + 5.0
-    while not lost and time.monotonic() < end:
-        with contextlib.suppress(OSError):
-            lane.send(message(2))
-        time.sleep(0.01)
+    until(lambda: lane.send(message(2)) or lost)
     lane.send(message(3))
-    assert len(lost) == 1
-    assert not lane.has_unsent
+    assert len(lost) == 1 and not lane.has_unsent
 
 
 def test_what_a_closed_socket_did_not_take_is_let_go(line):
@@ -158,8 +118,7 @@ def test_what_a_closed_socket_did_not_take_is_let_go(line):
     assert lane.has_unsent
     lane.socket.close()  # by rospy, which tells the publisher
     lane.close()
-    assert not lane.has_unsent
-    assert lane not in flusher.list_unsent()
+    assert not lane.has_unsent and lane not in flusher.list_unsent()
     del image, images
     assert [reference() for reference in gone] == [None] * 3
     lane.send(message(9))
@@ -173,3 +132,69 @@ def test_a_lane_with_the_number_of_a_closed_one_keeps_its_turn(line):
     second.send(message(2))
     first.close()
     assert second in flusher.list_unsent()
+
+
+class Transport:
+    """Connection of rospy to a subscriber; the test reads from `far`."""
+
+    def __init__(self, endpoint: str = "/listener") -> None:
+        self.endpoint_id, self.name, self.done = endpoint, "/arm/command", False
+        self.stat_bytes = self.stat_num_msg = 0
+        self.socket, self.far = socket.socketpair()
+        self.far.settimeout(5.0)
+
+    def set_cleanup_callback(self, callback) -> None:
+        self.cleanup = callback
+
+    def close(self) -> None:
+        self.done = True
+        self.socket.close()
+        self.cleanup(self)
+
+    def read(self, size: int) -> bytes:
+        return received(self.far, size)
+
+
+@pytest.mark.parametrize(("queue_size", "arrive"), [(2, [0, 8, 9]), (0, list(range(10)))])
+def test_a_slow_subscriber_gets_whole_messages_and_the_newest(queue_size, arrive):
+    transport = Transport()
+    connection = DirectConnection(transport, queue_size)
+    for number in range(10):
+        connection.write_data(bytes([number]) * SIZE)
+    for number in arrive:
+        assert transport.read(SIZE) == bytes([number]) * SIZE
+    transport.far.settimeout(0.1)
+    with pytest.raises(TimeoutError):
+        transport.far.recv(1)
+
+
+def test_a_subscriber_that_has_gone_is_reported_as_rospy_does():
+    gone, slow = Transport(), Transport()
+    connection = DirectConnection(gone, 10)
+    gone.far.close()
+    with pytest.raises(TransportTerminated, match="/listener has disconnected"):
+        connection.write_data(b"one")
+    connection.close()
+    assert connection.done
+    connection = DirectConnection(slow, 10)  # whose waiting messages are dropped at its end
+    for _ in range(2):
+        connection.write_data(bytes(SIZE))
+    (queue,) = (one for one in connections._flusher.list_unsent() if one.name == "/listener")
+    connection.close()
+    assert not queue.has_unsent and queue not in connections._flusher.list_unsent()
+
+
+def test_own_messages_are_left_out_where_only_those_of_others_are_wanted(monkeypatch):
+    monkeypatch.setattr(rospy, "get_name", lambda: "/listener")
+    monkeypatch.setattr(connections, "_topics_for_others", set())
+    send_to_others_only("/arm/command")
+    own, other = Transport(), Transport("/recorder")
+    for transport in (own, other):
+        connection = DirectConnection(transport, 10)
+        assert all(connection.write_data(data) for data in (b"one", b"two", b"three"))
+    assert other.read(11) == b"onetwothree"
+    assert (connection.stat_num_msg, connection.stat_bytes) == (3, 11)
+    assert connection.endpoint_id == "/recorder" and not connection.done
+    own.far.settimeout(0.1)
+    with pytest.raises(TimeoutError):
+        own.far.recv(1)

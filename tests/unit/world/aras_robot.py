@@ -37,10 +37,7 @@ class ArasRobot:
     """Simulation with the robot and its running controllers; cameras are disabled."""
 
     def __init__(self, simulation=None, urdf=URDF, cameras=None, interpolate=True):
-        """`cameras`: settings laid over the URDF's, by name, as Simulation.spawn takes them.
-
-        Without `interpolate`, commands are steps, as the original controllers take them.
-        """
+        """`cameras`: as Simulation.spawn takes them; without `interpolate`, commands are steps."""
         self.simulation = simulation or Simulation()
         self.settings = parameters()
         for controller in CONTROLLERS.values():
@@ -58,18 +55,14 @@ class ArasRobot:
             self.manager.get(controller).set_command(position)
 
     def steps(self, count):
-        """Make steps of the simulation."""
         for _ in range(count):
             self.simulation.step()
 
     def positions(self):
-        """Return the joint positions by name."""
         return dict(zip(self.model.joint_names, self.model.read_joints()[0], strict=True))
 
     def velocities(self):
-        """Return the joint velocities by name."""
         return dict(zip(self.model.joint_names, self.model.read_joints()[1], strict=True))
 
     def close(self):
-        """End the simulation."""
         self.simulation.close()

@@ -7,6 +7,9 @@ from pathlib import Path
 import pybullet
 import pytest
 
+from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.world import World
+
 HERE = str(Path(__file__).resolve().parent)
 for folder in (HERE, str(Path(HERE).parent / "as_new")):  # the latter for recorded_values.py
     if folder not in sys.path:
@@ -28,7 +31,6 @@ def joint_xml(name: str, parent: str, child: str, kind: str = "revolute", xyz: s
               axis: str = "0 1 0", lower: float = -10.0, upper: float = 10.0,
               effort: float = 1000.0, damping: float = 0.0, friction: float = 0.0,
               rpy: str = "0 0 0", extra: str = "") -> str:
-    """Return a <joint>."""
     inside = "" if kind == "fixed" else (
         f'<axis xyz="{axis}"/><limit lower="{lower}" upper="{upper}" effort="{effort}" '
         f'velocity="100"/><dynamics damping="{damping}" friction="{friction}"/>'
@@ -46,7 +48,6 @@ def box_xml(size: str, origin: str = "0 0 0", collide: bool = True) -> str:
 
 
 def robot_xml(*parts: str, name: str = "robot") -> str:
-    """Return a <robot> of these parts."""
     return f'<?xml version="1.0"?><robot name="{name}">' + "".join(parts) + "</robot>"
 
 
@@ -81,9 +82,19 @@ def another_world():
 
 
 @pytest.fixture
+def world():
+    with World() as it:
+        yield it
+
+
+@pytest.fixture
+def ground(world):
+    return world.spawn_ground_plane()
+
+
+@pytest.fixture
 def window(monkeypatch):
-    """Bullet's window without a display; returns what is configured. It makes Bullet do all steps.
-    """
+    """Bullet's window without a display, in which Bullet makes all steps; what is configured."""
     connect, configured = pybullet.connect, []
     monkeypatch.setattr(pybullet, "connect", lambda mode: connect(pybullet.DIRECT))
     monkeypatch.setattr(subprocess, "run", lambda *_, **__: subprocess.CompletedProcess((), 0))
@@ -92,14 +103,39 @@ def window(monkeypatch):
     return configured
 
 
+def block(size, mass=1.0, tags="", at="0 0 0", link="block"):
+    """Return a solid box of x, y, z m, whose middle is `at`; fixed if its link is 'world'."""
+    x, y, z = size
+    still = [mass / 12 * (a * a + b * b) for a, b in ((y, z), (x, z), (x, y))]
+    shape = box_xml(f"{x} {y} {z}", at)
+    body = f'<link name="world">{shape}</link>' if link == "world" else link_xml(
+        link, mass, at, (*still, 0, 0, 0), shape)
+    return parse_urdf(robot_xml(body, f'<gazebo reference="{link}">{tags}</gazebo>'))
+
+
+def ball(radius=0.05, mass=1.0, gravity=True, tags=""):
+    shape = f'<collision><geometry><sphere radius="{radius}"/></geometry></collision>'
+    return parse_urdf(robot_xml(
+        link_xml("ball", mass, "0 0 0", (0.4 * mass * radius**2,) * 3 + (0, 0, 0), shape),
+        f'<gazebo reference="ball"><gravity>{int(gravity)}</gravity>{tags}</gazebo>'))
+
+
+def step(world, count, model=None, **efforts):
+    """Make steps of a World or Simulation under constant efforts of a model's joints."""
+    for _ in range(count):
+        for joint, effort in efforts.items():
+            model.apply_effort(joint, effort)
+        world.step()
+
+
 class Mechanisms:
-    """The builders of this file, for tests (fixture `make`)."""
+    """The functions of this file, for tests (fixture `make`)."""
 
     link, joint, box, robot = (staticmethod(f) for f in (link_xml, joint_xml, box_xml, robot_xml))
-    pendulum, rotor = (staticmethod(f) for f in (pendulum_xml, rotor_xml))
+    pendulum, rotor, block, ball, step = (
+        staticmethod(f) for f in (pendulum_xml, rotor_xml, block, ball, step))
 
 
 @pytest.fixture(scope="session")
 def make() -> type[Mechanisms]:
-    """Builders of URDF texts."""
     return Mechanisms

@@ -7,12 +7,11 @@ import pytest
 
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.errors import WorldError
-from aras_sim_bridge.world import Pose, World
+from aras_sim_bridge.world import Pose
 from aras_sim_bridge.world.attachments import LinkPair
 from aras_sim_bridge.world.description_changes import change_link
 
 TURNED = Pose.from_rpy((0.3, 0.1, 0.6), (0.4, -0.3, 0.8))
-KINDS = ["thing", "arm", "arm on the ground", "ground"]
 
 
 def thing(make, mass=0.5):
@@ -34,7 +33,6 @@ def arm(make, bolted):
 
 
 def holder(world, make, kind):
-    """A model that holds something, and its link."""
     if kind == "ground":
         return world.model("ground_plane"), "link"
     if kind == "thing":
@@ -59,79 +57,71 @@ def apart(first, second):
     return math.dist(first.xyz, second.xyz), 2.0 * math.acos(min(1.0, turned))
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_attached_links_move_as_one(make, kind):
-    with World() as world:
-        world.spawn_ground_plane()
-        model, link = holder(world, make, kind)
-        held = world.spawn(thing(make), "held", TURNED)
-        move(world, model, 20)
-        ends = LinkPair(model.name, link, "held", "body")
-        world.attachments.attach(ends)
-        assert ends in world.attachments
-        first = model.link_pose(link).inverse() @ held.link_pose("body")
-        start = held.pose()
-        move(world, model, 500 if kind != "thing" else 200)
-        distance, angle = apart(first, model.link_pose(link).inverse() @ held.link_pose("body"))
-        assert distance < 2e-3
-        assert angle < 1e-2
-        if kind != "ground":
-            assert apart(start, held.pose())[0] > 0.01
-        # Other masses mean another body in Bullet, which holds on all the same.
-        world.change_model("held", change_link(held.description, "body", 0.2, (0, 0, 0),
-                                       (1e-3, 0, 0, 1e-3, 0, 1e-3), True))
-        move(world, model, 100)
-        now = model.link_pose(link).inverse() @ held.link_pose("body")
-        assert apart(first, now)[0] < 2e-3
-        world.attachments.detach(ends)
-        move(world, model, 300)
-        fallen = model.link_pose(link).inverse() @ held.link_pose("body")
-        if kind != "thing":  # two that fall side by side stay so
-            assert apart(now, fallen)[0] > 0.05
+@pytest.mark.parametrize("kind", ["thing", "arm", "arm on the ground", "ground"])
+def test_attached_links_move_as_one(world, ground, make, kind):
+    model, link = holder(world, make, kind)
+    held = world.spawn(thing(make), "held", TURNED)
+
+    def between():
+        return model.link_pose(link).inverse() @ held.link_pose("body")
+
+    move(world, model, 20)
+    ends = LinkPair(model.name, link, "held", "body")
+    world.attachments.attach(ends)
+    assert ends in world.attachments
+    first, start = between(), held.pose()
+    move(world, model, 500 if kind != "thing" else 200)
+    distance, angle = apart(first, between())
+    assert distance < 2e-3 and angle < 1e-2
+    assert kind == "ground" or apart(start, held.pose())[0] > 0.01
+    # Other masses mean another body in Bullet, which holds on all the same.
+    world.change_model("held", change_link(held.description, "body", 0.2, (0, 0, 0),
+                                   (1e-3, 0, 0, 1e-3, 0, 1e-3), True))
+    move(world, model, 100)
+    now = between()
+    assert apart(first, now)[0] < 2e-3
+    world.attachments.detach(ends)
+    move(world, model, 300)
+    assert kind == "thing" or apart(now, between())[0] > 0.05  # two that fall stay side by side
 
 
-def test_what_is_held_is_carried_by_what_holds_it(make):
+def test_what_is_held_is_carried_by_what_holds_it(world, make):
     """A bolted arm with a thing on it has the momentum of both: its torque at rest says so."""
-    with World() as world:
-        model = world.spawn(parse_urdf(make.robot(
-            make.link("world"), make.link("beam", 1.0, "0 0 0", (0.01,) * 3 + (0, 0, 0)),
-            make.joint("hinge", "world", "beam", axis="0 1 0"))), "beam")
-        held = world.spawn(thing(make), "held", Pose((0.5, 0.0, 0.0)))
-        world.attachments.attach(LinkPair("beam", "beam", "held", "body"))
-        torque = -9.8 * 0.5 * (0.5 + 0.02)  # about y, of the thing's centre of mass
-        for _ in range(50):
-            model.apply_effort("hinge", torque)
-            world.step()
-        assert abs(model.read_joints()[1][0]) < 1e-2
-        assert held.pose().xyz[2] == pytest.approx(0.0, abs=1e-3)
+    model = world.spawn(parse_urdf(make.robot(
+        make.link("world"), make.link("beam", 1.0, "0 0 0", (0.01,) * 3 + (0, 0, 0)),
+        make.joint("hinge", "world", "beam", axis="0 1 0"))), "beam")
+    held = world.spawn(thing(make), "held", Pose((0.5, 0.0, 0.0)))
+    world.attachments.attach(LinkPair("beam", "beam", "held", "body"))
+    torque = -9.8 * 0.5 * (0.5 + 0.02)  # about y, of the thing's centre of mass
+    make.step(world, 50, model, hinge=torque)
+    assert abs(model.read_joints()[1][0]) < 1e-2
+    assert held.pose().xyz[2] == pytest.approx(0.0, abs=1e-3)
 
 
-def test_models_that_go_and_resets_end_attachments(make):
-    with World() as world:
-        for k in range(3):
-            world.spawn(thing(make), f"thing_{k}", Pose((0.3 * k, 0.0, 1.0)))
-        first, second = (LinkPair("thing_0", "body", f"thing_{k}", "body") for k in (1, 2))
-        world.attachments.attach(first)
-        world.attachments.attach(second)
-        world.delete("thing_1")
-        assert first not in world.attachments
-        assert second in world.attachments
-        world.step()
-        world.reset_simulation()
-        assert not world.attachments
-        world.attachments.attach(second)
-        world.step()
+def test_models_that_go_and_resets_end_attachments(world, make):
+    for k in range(3):
+        world.spawn(thing(make), f"thing_{k}", Pose((0.3 * k, 0.0, 1.0)))
+    first, second = (LinkPair("thing_0", "body", f"thing_{k}", "body") for k in (1, 2))
+    world.attachments.attach(first)
+    world.attachments.attach(second)
+    world.delete("thing_1")
+    assert first not in world.attachments
+    assert second in world.attachments
+    world.step()
+    world.reset_simulation()
+    assert not world.attachments
+    world.attachments.attach(second)
+    world.step()
 
 
-def test_impossible_attachments_are_named(make):
-    with World() as world:
-        world.spawn(thing(make), "one")
-        world.spawn(thing(make), "two", Pose((1.0, 0.0, 0.0)))
-        for ends, words in ((LinkPair("one", "body", "three", "body"), "'three'"),
-                            (LinkPair("one", "hand", "two", "body"), "'hand'"),
-                            (LinkPair("one", "body", "one", "body"), "itself")):
-            with pytest.raises(WorldError, match=words):
-                world.attachments.attach(ends)
-        with pytest.raises(WorldError, match="not attached; attached are: none"):
-            world.attachments.detach(LinkPair("one", "body", "two", "body"))
-        assert not world.attachments
+def test_impossible_attachments_are_named(world, make):
+    world.spawn(thing(make), "one")
+    world.spawn(thing(make), "two", Pose((1.0, 0.0, 0.0)))
+    for words, *ends in (("'three'", "one", "body", "three", "body"),
+                         ("'hand'", "one", "hand", "two", "body"),
+                         ("itself", "one", "body", "one", "body")):
+        with pytest.raises(WorldError, match=words):
+            world.attachments.attach(LinkPair(*ends))
+    with pytest.raises(WorldError, match="not attached; attached are: none"):
+        world.attachments.detach(LinkPair("one", "body", "two", "body"))
+    assert not world.attachments

@@ -37,23 +37,22 @@ def transform(xyz, rpy, axis=(0, 0, 1), angle=0.0):
     return result
 
 
-def test_link_frames_are_those_of_the_urdf(make):
-    with World() as world:
-        model = world.spawn(parse_urdf(xml(make)), "m", POSE, {"turn": 0.7})
-        axis = np.array((1, 2, 3)) / math.sqrt(14)
-        hull = transform((1.0, -2.0, 3.0), (0.3, -0.4, 0.5))
-        arm = hull @ transform((0.2, 0, 0.5), (0.1, 0.2, 0.3), axis, 0.7)
-        tip = arm @ transform((0, 0.3, 0.8), (3.14, -1.57, 0))
-        for name, expected in (("hull", hull), ("arm", arm), ("tip", tip)):
-            np.testing.assert_allclose(model.link_pose(name).matrix(), expected, atol=1e-12)
-        assert list(model.link_states()) == ["hull", "arm", "tip"]
-        asked = (lambda: model.link_state("arm")[0], lambda: model.link_states()["arm"][0],
-                 lambda: Pose(*(values[0] for values in model.read_link_frames(("arm",)))))
-        for turned, ask in zip((-1.1, 0.4, 2.0), asked, strict=True):  # no step is made
-            model.set_joint_positions({"turn": turned})
-            arm = hull @ transform((0.2, 0, 0.5), (0.1, 0.2, 0.3), axis, turned)
-            np.testing.assert_allclose(ask().matrix(), arm, atol=1e-6)
-        assert model.pose().xyz == pytest.approx((1, -2, 3), abs=1e-15)
+def test_link_frames_are_those_of_the_urdf(world, make):
+    model = world.spawn(parse_urdf(xml(make)), "m", POSE, {"turn": 0.7})
+    axis = np.array((1, 2, 3)) / math.sqrt(14)
+    hull = transform((1.0, -2.0, 3.0), (0.3, -0.4, 0.5))
+    arm = hull @ transform((0.2, 0, 0.5), (0.1, 0.2, 0.3), axis, 0.7)
+    tip = arm @ transform((0, 0.3, 0.8), (3.14, -1.57, 0))
+    for name, expected in (("hull", hull), ("arm", arm), ("tip", tip)):
+        np.testing.assert_allclose(model.link_pose(name).matrix(), expected, atol=1e-12)
+    assert list(model.link_states()) == ["hull", "arm", "tip"]
+    asked = (lambda: model.link_state("arm")[0], lambda: model.link_states()["arm"][0],
+             lambda: Pose(*(values[0] for values in model.read_link_frames(("arm",)))))
+    for turned, ask in zip((-1.1, 0.4, 2.0), asked, strict=True):  # no step is made
+        model.set_joint_positions({"turn": turned})
+        arm = hull @ transform((0.2, 0, 0.5), (0.1, 0.2, 0.3), axis, turned)
+        np.testing.assert_allclose(ask().matrix(), arm, atol=1e-6)
+    assert model.pose().xyz == pytest.approx((1, -2, 3), abs=1e-15)
 
 
 def test_twists_agree_with_finite_differences(make):
@@ -62,9 +61,7 @@ def test_twists_agree_with_finite_differences(make):
         model.set_twist(Twist((0.3, -0.2, 1.0), (0.5, 1.0, -2.0)))
         assert model.twist().linear == pytest.approx((0.3, -0.2, 1.0))
         assert model.twist().angular == pytest.approx((0.5, 1.0, -2.0))
-        for _ in range(100):
-            model.apply_effort("turn", 5.0)
-            world.step()
+        make.step(world, 100, model, turn=5.0)
         before = {n: s[0].matrix() for n, s in model.link_states().items()}
         twists = [model.link_states()]
         world.step()
@@ -80,55 +77,25 @@ def test_twists_agree_with_finite_differences(make):
             np.testing.assert_allclose(mean[1], angular, atol=2e-3)
 
 
-def test_setting_the_pose_moves_the_model_rigidly(make):
-    with World() as world:
-        model = world.spawn(parse_urdf(xml(make)), "m", joint_positions={"turn": 0.4})
-        before = {n: model.link_pose(n) for n in model.link_names}
-        model.set_pose(POSE)
-        for name, pose in before.items():
-            np.testing.assert_allclose(model.link_pose(name).matrix(), (POSE @ pose).matrix(),
-                                       atol=1e-12)
-        assert model.read_joints()[0] == pytest.approx([0.4])
-
-
-def test_a_force_off_the_centre_turns_the_body(make):
-    """1 N along y, 0.5 m along x from the centre: dv = F dt / m, dw = r x F dt / I; once only."""
-    with World(gravity=(0.0, 0.0, 0.0)) as world:
-        body = make.robot(make.link("body", 2.0, "0.1 0 0", (0.4, 0.4, 0.4, 0, 0, 0)))
-        model = world.spawn(parse_urdf(body), "body", Pose((1.0, 2.0, 3.0)))
-        for torque, spin in (((0.0, 0.0, 0.0), 0.5), ((0.3, 0.0, -0.2), 0.3)):
-            model.set_twist(Twist())
-            model.set_pose(Pose((1.0, 2.0, 3.0)))
-            model.apply_force("body", (0.0, 1.0, 0.0), (1.6, 2.0, 3.0), *([torque] * any(torque)))
-            for _ in range(3):
-                world.step()
-            twist = model.twist()
-            assert twist.angular[2] == pytest.approx(spin * 1e-3 / 0.4, rel=1e-3)
-            assert twist.angular[0] == pytest.approx(torque[0] * 1e-3 / 0.4, rel=1e-3, abs=1e-9)
-            # The frame's origin is 0.1 m behind the centre of mass.
-            assert twist.linear[1] == pytest.approx(1e-3 / 2.0 - 0.1 * twist.angular[2], rel=1e-3)
-
-
 @pytest.mark.parametrize("seed", range(4))
-def test_a_bolted_model_s_own_link_frames_are_bullet_s(make, seed):
+def test_a_bolted_model_s_own_link_frames_are_bullet_s(world, make, seed):
     rng = np.random.default_rng(seed)
     root = Pose.from_rpy(tuple(rng.uniform(-2, 2, 3)), tuple(rng.uniform(-3, 3, 3)))
-    with World() as world:
-        model = world.spawn(parse_urdf(tree_xml(make, seed)), "m", root, fixed_base=True)
-        names = tuple(n for n in model.link_names if n != model.description.root)
-        for moved in (root, Pose.from_rpy((0.4, 5.0, -1.0), (1.0, -0.2, 3.0))):
-            model.set_pose(moved)
-            model.set_joint_positions({j: rng.uniform(-2, 2) for j in model.joint_names})
-            assert model.joints.has_own_dynamics
-            own = {name: model.link_pose(name) for name in model.link_names}
-            for name, *frame in zip(names, *model.read_link_frames(names), strict=True):
-                assert tuple(map(tuple, frame)) == own[name]
-            (place,), _ = model.read_link_frames(names[3:4])
-            assert tuple(place) == own[names[3]].xyz
-            model.joints.set_own_dynamics(False)
-            for name, pose in own.items():
-                bullet_s = model.link_pose(name).matrix()
-                np.testing.assert_allclose(pose.matrix(), bullet_s, atol=1e-12)
-                assert np.linalg.norm(pose.quat) == pytest.approx(1.0, abs=1e-14)
-            assert model.pose() == moved
-            model.joints.set_own_dynamics(True)
+    model = world.spawn(parse_urdf(tree_xml(make, seed)), "m", root, fixed_base=True)
+    names = tuple(n for n in model.link_names if n != model.description.root)
+    for moved in (root, Pose.from_rpy((0.4, 5.0, -1.0), (1.0, -0.2, 3.0))):
+        model.set_pose(moved)
+        model.set_joint_positions({j: rng.uniform(-2, 2) for j in model.joint_names})
+        assert model.joints.has_own_dynamics
+        own = {name: model.link_pose(name) for name in model.link_names}
+        for name, *frame in zip(names, *model.read_link_frames(names), strict=True):
+            assert tuple(map(tuple, frame)) == own[name]
+        (place,), _ = model.read_link_frames(names[3:4])
+        assert tuple(place) == own[names[3]].xyz
+        model.joints.set_own_dynamics(False)
+        for name, pose in own.items():
+            bullet_s = model.link_pose(name).matrix()
+            np.testing.assert_allclose(pose.matrix(), bullet_s, atol=1e-12)
+            assert np.linalg.norm(pose.quat) == pytest.approx(1.0, abs=1e-14)
+        assert model.pose() == moved
+        model.joints.set_own_dynamics(True)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from aras_sim_bridge.description import parse_urdf
-from aras_sim_bridge.world import Pose, Twist, World
+from aras_sim_bridge.world import Pose, Twist
 
 AT = Pose.from_rpy((1.0, 2.0, 3.0), (0.3, -0.4, 0.5))
 TURN = {"axis": "0 0.6 0.8", "xyz": "0.2 0 0.5"}
@@ -22,28 +22,17 @@ def described(make, root="hull"):
         make.joint("turn", root, "arm", "continuous", damping=0.2, **TURN)))
 
 
-@pytest.fixture(params=["hull", "world"])
-def model(make, request):
-    """Model with a free or a fixed base, without gravity."""
-    with World(gravity=(0.0, 0.0, 0.0)) as world:
-        it = world.spawn(described(make, request.param), "m", AT)
-        it.world = world
-        yield it
-
-
-def test_the_base_is_the_root_and_what_is_fixed_to_it(model):
+@pytest.mark.parametrize("root", ["hull", "world"])
+def test_its_base_is_known_and_its_state_goes_on_where_it_is_loaded_anew(world, make, root):
+    world.set_physics(gravity=(0.0, 0.0, 0.0))
+    model = world.spawn(described(make, root), "m", AT)
     names = {index: name for name, index in model.link_indices.items()}
-    root = model.description.root
     assert {names[index] for index in model.list_base_links()} == {root, "bolt", "nut"}
     assert model.mass == pytest.approx(1.875 + (5.0 if root == "hull" else 0.0))
     assert names[-1] == root and model.link_index("tip") == model.link_indices["tip"]
-
-
-def test_its_state_goes_on_where_it_is_loaded_anew(model):
     model.set_twist(Twist((0.1, 0.2, 0.3), (0.4, 0.5, -0.6)))
     model.joints.restore([(0.7, 2.0)])
-    for _ in range(3):
-        model.world.step()
+    make.step(world, 3)
     before, state = model.link_states(), model.joints.read_states()[0]
     model.rebuild(model.description)
     assert model.joints.read_states()[0] == pytest.approx(state)
@@ -53,36 +42,17 @@ def test_its_state_goes_on_where_it_is_loaded_anew(model):
     assert any(before["tip"][1].linear)
 
 
-@pytest.mark.parametrize("root", ["hull", "world"])
-def test_bolting_keeps_the_efforts_of_the_last_step_and_of_the_next(make, root):
-    with World(gravity=(0.0, 0.0, 0.0)) as world:
-        model = world.spawn(described(make, root), "m", AT)
-        model.apply_effort("turn", 3.0)
-        world.step()
-        model.apply_effort("turn", 5.0)
-        model.set_fixed_base(True)
-        assert list(model.read_joints()[2]) == [3.0]
-        assert model.joints.pending_efforts == [5.0]
-        speed = model.read_joints()[1][0]
-        world.step()
-        assert list(model.read_joints()[2]) == [5.0]
-        inverse = model.joints.inverse_inertia()[0, 0]
-        expected = (speed + 5.0 * 1e-3 * inverse) / (1 + 0.2 * 1e-3 * inverse)
-        assert model.read_joints()[1][0] == pytest.approx(expected, rel=1e-6)
-
-
-def test_what_has_no_joints_and_all_its_weight_needs_nothing_before_a_step(make):
+def test_what_has_no_joints_and_all_its_weight_needs_nothing_before_a_step(world, make):
     light = '<gazebo reference="b"><gravity>false</gravity></gazebo>'
     plain = make.link("a") + make.link("b") + make.joint("f", "a", "b", "fixed", "0 1 0")
-    with World() as world:
-        still, floats, jointed = (world.spawn(parse_urdf(text), str(k), Pose((0.0, 3.0 * k, 1.0)))
-                                  for k, text in enumerate((
-                                      make.robot(plain), make.robot(plain, light),
-                                      make.robot(plain.replace("fixed", "continuous")))))
-        assert [m.needs_steps for m in (still, floats, jointed)] == [False, True, True]
-        world.step()
-        assert still.twist().linear[2] == pytest.approx(-9.8e-3)
-        # One of two kilograms weighs nothing: it tips about what they share, half a metre off.
-        tips = 9.8e-3 * 0.5 / (2 * 0.1 + 2 * 0.25)
-        assert floats.twist().angular[0] == pytest.approx(tips, rel=1e-6)
-        assert floats.twist().linear[2] == pytest.approx(-4.9e-3 - 0.5 * tips, rel=1e-3)
+    still, floats, jointed = (world.spawn(parse_urdf(text), str(k), Pose((0.0, 3.0 * k, 1.0)))
+                              for k, text in enumerate((
+                                  make.robot(plain), make.robot(plain, light),
+                                  make.robot(plain.replace("fixed", "continuous")))))
+    assert [m.needs_steps for m in (still, floats, jointed)] == [False, True, True]
+    world.step()
+    assert still.twist().linear[2] == pytest.approx(-9.8e-3)
+    # One of two kilograms weighs nothing: it tips about what they share, half a metre off.
+    tips = 9.8e-3 * 0.5 / (2 * 0.1 + 2 * 0.25)
+    assert floats.twist().angular[0] == pytest.approx(tips, rel=1e-6)
+    assert floats.twist().linear[2] == pytest.approx(-4.9e-3 - 0.5 * tips, rel=1e-3)

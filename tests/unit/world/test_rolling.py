@@ -17,21 +17,13 @@ MOMENTS = (0.003, 0.003, 0.0011)
 
 
 def lying(make, kind, aslant=0.0):
-    """Return a body whose shape lies level, rotated by `aslant` about z from y; its link is
-    upright."""
+    """A body whose shape lies level, turned about z from y; its link is upright."""
     turned = f'<origin xyz="0 0 0.02" rpy="{math.pi / 2} 0 {aslant}"/>'
     ixx, iyy, izz = MOMENTS
     return parse_urdf(make.robot(
         f'<link name="round"><inertial>{turned}<mass value="{MASS}"/><inertia ixx="{ixx}" '
         f'iyy="{iyy}" izz="{izz}" ixy="0" ixz="0" iyz="0"/></inertial><collision>{turned}'
         f"<geometry>{SHAPES[kind]}</geometry></collision></link>"))
-
-
-def block(make, size, top):
-    """Return a fixed block with its top at a height."""
-    x, y, z = size
-    return parse_urdf(make.robot(
-        f'<link name="world">{make.box(f"{x} {y} {z}", f"0 0 {top - z / 2}")}</link>'))
 
 
 @pytest.mark.parametrize("kind", list(SHAPES))
@@ -45,10 +37,9 @@ def test_it_rolls_across_its_axis(make, kind, on, aslant):
         if on == "plane":
             world.spawn_ground_plane()
         else:
-            world.spawn(block(make, (8.0, 8.0, 1.0), 0.0), "floor")
+            world.spawn(make.block((8, 8, 1), at="0 0 -0.5", link="world"), "floor")
         body = world.spawn(lying(make, kind, aslant), "m", Pose((0, 0, RADIUS - 0.02)))
-        for _ in range(800):
-            world.step()
+        make.step(world, 800)
         x, y, _ = body.link_state("round")[0].apply((0.0, 0.0, 0.02))
         expected = down / (1.0 + MOMENTS[2] / (MASS * RADIUS**2))
         assert math.hypot(x, y) == pytest.approx(expected * 0.8 * 0.801 / 2, rel=2e-3)
@@ -56,7 +47,7 @@ def test_it_rolls_across_its_axis(make, kind, on, aslant):
 
 
 @pytest.mark.parametrize("width", [0.006, 0.05])
-def test_a_cart_coasts_on_its_wheels(make, width):
+def test_a_cart_coasts_on_its_wheels(world, make, width):
     across = (2.6e-3, 2.6e-3, 5e-3, 0, 0, 0)
     wheel = f'<collision><geometry><cylinder radius="0.1" length="{width}"/></geometry></collision>'
     parts = [make.link("base", 10.0, "0 0 0", (0.3, 0.5, 0.6, 0, 0, 0))]
@@ -64,39 +55,20 @@ def test_a_cart_coasts_on_its_wheels(make, width):
         parts += [make.link(f"w{k}", 1.0, "0 0 0", across, wheel),
                   make.joint(f"j{k}", "base", f"w{k}", "continuous", f"{x} {y} 0", "0 0 1",
                              rpy=f"{-math.pi / 2} 0 0")]
-    with World() as world:
-        world.spawn_ground_plane()
-        cart = world.spawn(parse_urdf(make.robot(*parts)), "cart", Pose((0, 0, 0.1)))
-        for _ in range(100):
-            world.step()
-        cart.set_twist(Twist((1.0, 0.0, 0.0)))
-        cart.joints.restore([(0.0, 10.0)] * 4)
-        for _ in range(2000):
-            world.step()
-        assert cart.twist().linear[0] == pytest.approx(1.0, abs=1e-3)
-        assert cart.pose().xyz == pytest.approx((2.0, 0.0, 0.1), abs=2e-3)
+    world.spawn_ground_plane()
+    cart = world.spawn(parse_urdf(make.robot(*parts)), "cart", Pose((0, 0, 0.1)))
+    make.step(world, 100)
+    cart.set_twist(Twist((1.0, 0.0, 0.0)))
+    cart.joints.restore([(0.0, 10.0)] * 4)
+    make.step(world, 2000)
+    assert cart.twist().linear[0] == pytest.approx(1.0, abs=1e-3)
+    assert cart.pose().xyz == pytest.approx((2.0, 0.0, 0.1), abs=2e-3)
 
 
 @pytest.mark.parametrize("kind", list(SHAPES))
-def test_it_rests_across_an_edge_by_its_middle(make, kind):
-    with World() as world:
-        world.spawn(block(make, (0.5, 0.04, 0.3), 0.3), "rail")
-        body = world.spawn(lying(make, kind), "m", Pose((0, 0, 0.3 + RADIUS - 0.02)))
-        for _ in range(1500):
-            world.step()
-        assert body.link_pose("round").apply((0, 0, 0.02))[2] == pytest.approx(
-            0.3 + RADIUS, abs=2e-4)
-
-
-def test_cylinders_stand_on_each_other(make):
-    tin = make.link("tin", 1.0, "0 0 0", (2.3e-3, 2.3e-3, 1.25e-3, 0, 0, 0),
-                    '<collision><geometry><cylinder radius="0.05" length="0.14"/></geometry>'
-                    "</collision>")
-    with World() as world:
-        world.spawn_ground_plane()
-        tins = [world.spawn(parse_urdf(make.robot(tin)), f"tin{k}", Pose((0, 0, 0.07 + 0.14 * k)))
-                for k in range(3)]
-        for _ in range(1500):
-            world.step()
-        for k, model in enumerate(tins):
-            assert model.pose().xyz == pytest.approx((0, 0, 0.07 + 0.14 * k), abs=2e-4)
+def test_it_rests_across_an_edge_by_its_middle(world, make, kind):
+    world.spawn(make.block((0.5, 0.04, 0.3), at="0 0 0.15", link="world"), "rail")
+    body = world.spawn(lying(make, kind), "m", Pose((0, 0, 0.3 + RADIUS - 0.02)))
+    make.step(world, 1500)
+    assert body.link_pose("round").apply((0, 0, 0.02))[2] == pytest.approx(
+        0.3 + RADIUS, abs=2e-4)

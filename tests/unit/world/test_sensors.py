@@ -5,10 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from aras_sim_bridge.description import (
-    parse_urdf,
-)
-from aras_sim_bridge.errors import DescriptionError
+from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_visual_servo_base.poses import Pose, Twist
 
@@ -87,9 +84,6 @@ def turned(pose, vector):
     return pose.matrix()[:3, :3].T @ vector
 
 
-# ------------------------------------------------------------------ poses
-
-
 @pytest.mark.parametrize("ground", [False, True])
 def test_a_pose_is_that_of_link_states_to_the_bit(make, ground):
     tags = plugin("p3d", {"bodyName": "tool", "topicName": "t"})
@@ -109,37 +103,40 @@ def test_a_pose_in_a_frame_that_moves_and_with_an_offset(make):
     tags += plugin("p3d", {"bodyName": "tool", "topicName": "u", "xyzOffset": "1 2 3",
                            "rpyOffset": "0 0 1.5707963267948966"})
     tags += plugin("p3d", {"bodyName": "base", "topicName": "v", "frameName": "tool"})
-    simulation, model, (inside, offset, back) = make(arm(tags=tags))
+    simulation, model, readings = make(arm(tags=tags))
     steps(simulation, 50)
+    inside, offset, back = (one[-1] for one in readings)
     (tool, moving), base = model.link_state("tool"), model.link_pose("base")
-    assert back[-1].twist.angular == pytest.approx(-turned(tool, moving.angular))
-    assert back[-1].twist.linear == pytest.approx(-turned(tool, np.add(
+    assert back.twist.angular == pytest.approx(-turned(tool, moving.angular))
+    assert back.twist.linear == pytest.approx(-turned(tool, np.add(
         moving.linear, np.cross(moving.angular, np.subtract(base.xyz, tool.xyz)))))
-    np.testing.assert_allclose(inside[-1].pose.matrix(), Pose.from_rpy(
+    np.testing.assert_allclose(inside.pose.matrix(), Pose.from_rpy(
         (0.05, 0.1, -0.4), (0.7, 0.2, -0.1)).matrix(), atol=1e-12)
-    np.testing.assert_allclose(inside[-1].twist, np.zeros((2, 3)), atol=1e-12)
-    pose = model.link_pose("tool")
+    np.testing.assert_allclose(inside.twist, np.zeros((2, 3)), atol=1e-12)
     turn = Pose.from_rpy((0, 0, 0), (0, 0, math.pi / 2))
-    assert offset[-1].pose.xyz == pytest.approx(np.add(pose.xyz, (1, 2, 3)))
-    np.testing.assert_allclose(offset[-1].pose.matrix()[:3, :3],
-                               turn.matrix()[:3, :3] @ pose.matrix()[:3, :3], atol=1e-12)
-
-
-# ------------------------------------------------------------------ IMUs
+    assert offset.pose.xyz == pytest.approx(np.add(tool.xyz, (1, 2, 3)))
+    np.testing.assert_allclose(offset.pose.matrix()[:3, :3],
+                               turn.matrix()[:3, :3] @ tool.matrix()[:3, :3], atol=1e-12)
 
 
 def test_an_imu_at_rest_feels_what_holds_it_up(make):
     tags = imu_on("base", "0.1 0.2 0.3 0.4 0.5 0.6") + plugin(
         "imu", {"bodyName": "base", "topicName": "b"})
-    simulation, model, (felt, bare) = make(arm("fixed", tags=tags))
+    tags += imu_on("base", initialOrientationAsReference=1, rpyOffset="0 0 0.5")
+    tags += imu_on("base", rpyOffset="0 0 0.5")
+    simulation, model, readings = make(arm("fixed", tags=tags))
     steps(simulation, 5)
-    held = model.link_pose("base") @ Pose.from_rpy((0.1, 0.2, 0.3), (0.4, 0.5, 0.6))
-    up = turned(held, (0, 0, G))
-    assert felt[-1].linear_acceleration == pytest.approx(up, abs=1e-12)
-    assert felt[-1].angular_velocity == (0, 0, 0)
-    assert felt[-1].orientation == pytest.approx(held.quat)
-    assert bare[-1].linear_acceleration == (0, 0, 0)  # upstream's tells no gravity there
-    assert bare[-1].orientation == pytest.approx(model.link_pose("base").quat)
+    felt, from_start, offset, bare = (one[-1] for one in readings)
+    base = model.link_pose("base")
+    held = base @ Pose.from_rpy((0.1, 0.2, 0.3), (0.4, 0.5, 0.6))
+    assert felt.linear_acceleration == pytest.approx(turned(held, (0, 0, G)), abs=1e-12)
+    assert felt.angular_velocity == (0, 0, 0)
+    assert felt.orientation == pytest.approx(held.quat)
+    assert bare.linear_acceleration == (0, 0, 0)  # upstream's tells no gravity there
+    assert bare.orientation == pytest.approx(base.quat)
+    turn = Pose.from_rpy((0, 0, 0), (0, 0, 0.5))
+    assert from_start.orientation == pytest.approx(turn.quat)
+    assert offset.orientation == pytest.approx((turn @ Pose((0, 0, 0), base.quat)).quat)
 
 
 def test_an_imu_in_free_fall_feels_its_own_turning_alone(make):
@@ -170,20 +167,6 @@ def test_an_imu_s_acceleration_is_the_mean_over_its_own_period(make):
     assert readings[-1].linear_acceleration[0] == pytest.approx(mean, abs=1e-9)
 
 
-def test_an_imu_may_tell_its_orientation_from_its_start(make):
-    tags = imu_on("base", initialOrientationAsReference=1, rpyOffset="0 0 0.5")
-    tags += imu_on("base", rpyOffset="0 0 0.5")
-    simulation, model, (readings, others) = make(arm("fixed", tags=tags))
-    steps(simulation, 2)
-    assert readings[-1].orientation == pytest.approx((0, 0, math.sin(0.25), math.cos(0.25)))
-    turn = Pose.from_rpy((0, 0, 0), (0, 0, 0.5))
-    assert others[-1].orientation == pytest.approx(
-        (turn @ Pose((0, 0, 0), model.link_pose("base").quat)).quat)
-
-
-# ------------------------------------------------------------------ wrenches
-
-
 def distal(model, joint):
     """Weight (N), and its moment about the joint's origin, of what hangs there, world axes."""
     links = ("upper", "tool") if joint == "swing" else ("tool",)
@@ -192,24 +175,22 @@ def distal(model, joint):
     for link in links:
         inertial = model.description.links[link].inertial
         weight = np.array([0, 0, -G * inertial.mass])
+        centre = model.link_pose(link).apply(inertial.origin_xyz)
         force += weight
-        torque += np.cross(np.subtract(model.link_pose(link).apply(inertial.origin_xyz), origin),
-                           weight)
+        torque += np.cross(np.subtract(centre, origin), weight)
     return force, torque
 
 
 @pytest.mark.parametrize("joint", ["swing", "flange"])
 @pytest.mark.parametrize(("frame", "direction", "pose"), [
-    (None, None, None), ("child", "parent_to_child", None), ("parent", "child_to_parent", None),
-    ("sensor", "parent_to_child", "9 9 9 0.3 0.2 0.1"),
+    (None, None, ""), ("child", "parent_to_child", ""), ("parent", "child_to_parent", ""),
+    ("sensor", "parent_to_child", "<pose>9 9 9 0.3 0.2 0.1</pose>"),
 ])
 def test_a_wrench_at_rest_is_the_weight_of_what_hangs_there(make, joint, frame, direction, pose):
-    tags = wrench_of(joint)
-    if frame:
-        tags += (f'<gazebo reference="{joint}"><sensor name="s" type="force_torque"><pose>{pose}'
-                 f"</pose><force_torque><frame>{frame}</frame><measure_direction>{direction}"
-                 "</measure_direction></force_torque></sensor></gazebo>").replace(
-                     "<pose>None</pose>", "")
+    tags = wrench_of(joint) + (
+        f'<gazebo reference="{joint}"><sensor name="s" type="force_torque">{pose}<force_torque>'
+        f"<frame>{frame}</frame><measure_direction>{direction}</measure_direction></force_torque>"
+        "</sensor></gazebo>" if frame else "")
     simulation, model, (readings,) = make(
         arm(dynamics='<dynamics friction="50"/>', tags=tags), joints={"swing": 0.7})
     steps(simulation, 20)
@@ -221,18 +202,6 @@ def test_a_wrench_at_rest_is_the_weight_of_what_hangs_there(make, joint, frame, 
     force, torque = distal(model, joint)
     assert readings[-1].force == pytest.approx(sign * turned(axes, force), abs=1e-3)
     assert readings[-1].torque == pytest.approx(sign * turned(axes, torque), abs=1e-3)
-    assert np.linalg.norm(readings[-1].force) == pytest.approx(
-        G * (2.7 if joint == "swing" else 0.7), abs=1e-3)
-
-
-def test_a_joint_that_swings_freely_bears_no_torque_about_its_axis(make):
-    simulation, _, (readings,) = make(arm(tags=wrench_of("swing")), joints={"swing": 1.0})
-    steps(simulation, 400)
-    about = np.array([r.torque for r in readings]) @ (0.36, 0.48, 0.8)
-    across = np.linalg.norm([r.torque for r in readings], axis=1)
-    assert len(readings) == 399 and across.min() > 0.3
-    # The steps of 1 ms leave an error that is of their size.
-    assert abs(about).max() < 0.05 and abs(about).mean() < 0.01
 
 
 def test_a_wrench_contains_what_is_applied_to_the_tool(make):
@@ -276,34 +245,28 @@ def test_a_wrench_contains_what_the_ground_bears_of_it(make):
     assert held == pytest.approx((-4.0, 3.0, 4 * G), abs=0.2)
 
 
-# ------------------------------------------------------------------ rates and noise
-
-
 @pytest.mark.parametrize(("rate", "expected"), [
     (0, list(range(2, 101))), (100, list(range(10, 101, 10))), (30, [34, 67, 100]),
 ])
 def test_readings_come_at_the_first_tick_of_each_period(make, rate, expected):
     tags = plugin("p3d", {"bodyName": "tool", "topicName": "t", "updateRate": rate})
     simulation, _, (readings,) = make(arm(tags=tags))
-    sensor = simulation.sensors[0]
-    for _ in range(100):
-        idle_ns, count = sensor.idle_until_ns, len(readings)
-        simulation.step()
-        if simulation.time_ns <= idle_ns:
-            assert len(readings) == count
-    assert [r.stamp_ns // MS for r in readings] == expected
-    simulation.reset_simulation()
-    readings.clear()
-    steps(simulation, 100)
-    assert [r.stamp_ns // MS for r in readings] == expected
+    (sensor,) = simulation.sensors
+    for _ in range(2):
+        readings.clear()
+        for _ in range(100):
+            idle_ns, count = sensor.idle_until_ns, len(readings)
+            simulation.step()
+            assert len(readings) == count or simulation.time_ns > idle_ns
+        assert [r.stamp_ns // MS for r in readings] == expected
+        simulation.reset_simulation()
     sensor.on_state = None
-    steps(simulation, 100)
-    assert [r.stamp_ns // MS for r in readings] == expected and not sensor.enabled
-    steps(simulation, 5)
+    steps(simulation, 105)
+    assert not sensor.enabled
     readings.clear()
     sensor.on_state = readings.append  # who looks again begins with the next period
     steps(simulation, 95)
-    assert [r.stamp_ns // MS - 200 for r in readings] == [at for at in expected if at > 6]
+    assert [r.stamp_ns // MS - 100 for r in readings] == [at for at in expected if at > 6]
 
 
 NOISE = ("<angular_velocity><y><noise type='gaussian'><mean>0.1</mean><stddev>0.02</stddev></noise>"
@@ -315,15 +278,14 @@ NOISE = ("<angular_velocity><y><noise type='gaussian'><mean>0.1</mean><stddev>0.
 def test_noise_is_as_asked_for_and_depends_on_seed_and_stamp_alone(make):
     def told(seed, inside=NOISE, count=801, **settings):
         tags = imu_on("base", inside=inside, **settings)
-        simulation, _, (readings,) = make(arm("fixed", tags=tags), Pose.from_rpy(
-            (0, 0, 0), (0, 0, 0)), seed=seed)
+        simulation, _, (readings,) = make(arm("fixed", tags=tags), Pose(), seed=seed)
         steps(simulation, count)
         return np.array([(*r.angular_velocity, *r.linear_acceleration) for r in readings])
 
     first = told(1)
     base = turned(Pose.from_rpy((0, 0, 0), (0.2, 0.1, -0.3)), (0, 0, G))
     off = first - [0, 0, 0, *base]
-    assert not off[:, [0, 2, 3, 4]].any(axis=0).any() or abs(off[:, [0, 2, 3, 4]]).max() < 1e-12
+    assert abs(off[:, [0, 2, 3, 4]]).max() < 1e-12
     assert off[:, 1].mean() == pytest.approx(0.1, abs=0.002)
     assert off[:, 1].std() == pytest.approx(0.02, rel=0.06)
     assert abs(off[:, 5].mean()) == pytest.approx(2.0, abs=0.05)
@@ -333,12 +295,8 @@ def test_noise_is_as_asked_for_and_depends_on_seed_and_stamp_alone(make):
                                   "</noise></x></linear_acceleration>", count=2)[0, 3])
             for seed in range(8)} == {-1, 1}
     all_six = told(1, "", gaussianNoise=0.3) - [0, 0, 0, *base]
-    assert not np.array_equal(told(2, "", gaussianNoise=0.3) - [0, 0, 0, *base], all_six)
     assert all_six.std(axis=0) == pytest.approx(np.full(6, 0.3), rel=0.06)
     assert abs(np.corrcoef(all_six.T) - np.eye(6)).max() < 0.15
-
-
-# ------------------------------------------------------------------ contacts
 
 
 def bumper_on(link, *collisions, rate=0, **settings):
@@ -379,18 +337,17 @@ def test_a_bumper_tells_the_weight_that_the_ground_bears(make):
 
 
 def test_who_touches_is_told_from_both_sides_with_opposite_forces(make):
-    simulation, model, (readings,) = make(box(tags=bumper_on("link", "link_collision")),
-                                          Pose((0.0, 0.0, 0.0)), True)
-    other = simulation.spawn(parse_urdf(box(2.0, "0.1 0.1 0.2", tags=bumper_on(
-        "link", "link_collision"))), "top", Pose((0.02, 0.01, 0.2)))
+    bumper = bumper_on("link", "link_collision")
+    simulation, model, (readings,) = make(box(tags=bumper), Pose(), True)
+    other = simulation.spawn(parse_urdf(box(2.0, "0.1 0.1 0.2", tags=bumper)), "top",
+                             Pose((0.02, 0.01, 0.2)))
     above = []
     simulation.sensors[1].on_state = above.append
     steps(simulation, 600)
     names = "m::link::link_collision", "top::link::link_collision"
     assert set(readings[-1].contacts) == {names, (names[0], "ground_plane::link::collision")}
-    below = readings[-1].contacts[names]
     (touches,) = above[-1].contacts.values()
-    for told, up in ((below, -1.0), (touches, 1.0)):
+    for told, up in ((readings[-1].contacts[names], -1.0), (touches, 1.0)):
         total = np.sum([one.force for one in told], axis=0)
         assert total == pytest.approx((0.0, 0.0, up * 2.0 * G), abs=0.02)
         assert all(one.normal == pytest.approx((0.0, 0.0, up), abs=1e-3) for one in told)
@@ -399,37 +356,23 @@ def test_who_touches_is_told_from_both_sides_with_opposite_forces(make):
     assert above[-1].contacts == {} and names not in readings[-1].contacts
 
 
-def test_a_bumper_is_of_its_collisions_alone_and_of_lumped_ones(make):
-    """On what a joint moves there are two shapes, one on a link that is fixed to it."""
-    shape = ('<collision name="{}"><origin xyz="0 0 {}"/><geometry><sphere radius="0.05"/>'
-             "</geometry></collision>")
-    xml = f"""<robot name="r"><link name="world"/>
-      <joint name="lift" type="prismatic"><parent link="world"/><child link="slide"/>
-      <axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="99" velocity="9"/></joint>
-      <link name="slide"><inertial><mass value="1"/>{INERTIA}</inertial>{shape.format("high", 0.5)}
-      </link><joint name="at" type="fixed"><parent link="slide"/><child link="tip"/></joint>
-      <link name="tip"><inertial><mass value="0.5"/>{INERTIA}</inertial>{shape.format("low", 0.05)}
-      </link>{bumper_on("slide", "slide_fixed_joint_lump__low")}{bumper_on("slide", "high")}
+def test_a_base_with_a_bumper_is_not_held_and_feels_the_ground(make):
+    """And only its own collisions', one of which is on a link that is fixed to it."""
+    part = '<collision name="{}"><origin xyz="0 0 {}"/><geometry><box size="0.2 0.3 0.1"/>' \
+        "</geometry></collision>"
+    xml = f"""<robot name="r"><link name="slide"><inertial><mass value="1"/>{INERTIA}</inertial>
+      {part.format("high", 0.5)}</link><link name="tip"><inertial><mass value="0.5"/>{INERTIA}
+      </inertial>{part.format("low", 0.05)}</link><joint name="at" type="fixed">
+      <parent link="slide"/><child link="tip"/></joint><link name="arm"><inertial><mass value="1"/>
+      {INERTIA}</inertial></link><joint name="j" type="revolute"><parent link="slide"/>
+      <child link="arm"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="9" velocity="9"/>
+      </joint>{bumper_on("slide", "slide_fixed_joint_lump__low")}{bumper_on("slide", "high")}
       </robot>"""
-    simulation, model, (low, high) = make(xml, Pose(), True)
+    simulation, _, (low, high) = make(xml, Pose(), True)
     steps(simulation, 400)
     (names, touches), = low[-1].contacts.items()
     assert names == ("m::tip::low", "ground_plane::link::collision") and high[-1].contacts == {}
-    assert np.sum([one.force for one in touches], axis=0)[2] == pytest.approx(1.5 * G, abs=0.05)
-
-
-def test_a_base_with_a_bumper_is_not_held_and_feels_the_ground(make):
-    base = box(tags=bumper_on("link", "link_collision") + """<link name="arm"><inertial>
-      <mass value="1"/>""" + INERTIA + """</inertial></link><joint name="j" type="revolute">
-      <parent link="link"/><child link="arm"/><axis xyz="0 0 1"/>
-      <limit lower="-1" upper="1" effort="9" velocity="9"/></joint>""")
-    simulation, model, (readings,) = make(base, Pose(), True)
-    steps(simulation, 500)
-    (touches,) = readings[-1].contacts.values()
-    assert sum(one.force[2] for one in touches) == pytest.approx(11.0 * G, rel=1e-3)
-
-
-# ------------------------------------------------------------------ what the tags say
+    assert sum(one.force[2] for one in touches) == pytest.approx(2.5 * G, rel=1e-2)
 
 
 @pytest.mark.parametrize(("tags", "reason"), [
@@ -452,24 +395,6 @@ def test_a_sensor_that_measures_nothing_costs_one_line(tags, reason):
     (warning,) = [text for text in read.warnings if "because it is not supported" not in text]
     assert reason in warning and "ignored" in warning
     assert [sensor.kind for sensor in read.sensors] == ["wrench"]
-
-
-@pytest.mark.parametrize("tag", ["mean", "stddev", "bias_mean", "bias_stddev"])
-def test_a_deviation_is_not_negative_and_a_mean_may_be(tag):
-    tags = imu_on("base", inside=f"<angular_velocity><y><noise><{tag}>-0.5</{tag}></noise></y>"
-                  "</angular_velocity>")
-    if tag.endswith("stddev"):
-        with pytest.raises(DescriptionError, match="angular_velocity y has stddev"):
-            parse_urdf(arm(tags=tags))
-    else:
-        (imu,) = parse_urdf(arm(tags=tags)).sensors
-        assert getattr(imu.channels[1], tag) == -0.5
-
-
-@pytest.mark.parametrize("tags", [imu_on("base", rate=-1), bumper_on("base", "a", rate=-1)])
-def test_a_negative_rate_is_refused(tags):
-    with pytest.raises(DescriptionError, match="update_rate is -1.0 Hz; it must not be negative"):
-        parse_urdf(arm(tags=tags))
 
 
 def test_words_of_a_wrench_that_there_are_not():
@@ -495,21 +420,19 @@ def test_many_ticks_in_a_call_tell_what_single_ones_tell():
                       "pid": {"p": 30.0, "d": 3.0}}}
 
     def told(until_ns):
-        simulation = Simulation(SimulationConfig(ground_plane=False))
+        simulation, calls = Simulation(SimulationConfig(ground_plane=False)), 0
         simulation.spawn(parse_urdf(arm(tags=tags)), "m", TILTED, parameters=settings)
         simulation.robots["m"].start(["c"])
         simulation.robots["m"].command("c", 0.8)
         readings = [[] for _ in simulation.sensors]
         for sensor, found in zip(simulation.sensors, readings, strict=True):
             sensor.on_state = found.append
-        calls = 0
         while simulation.time_ns < 500 * MS:
             simulation.step(until_ns)
             calls += 1
         simulation.close()
         return calls, readings
 
-    calls, singly = told(0)
-    fewer, together = told(500 * MS)
+    (calls, singly), (fewer, together) = told(0), told(500 * MS)
     assert (calls, fewer < 200) == (500, True) and [len(one) for one in singly] == [15, 20, 35]
     assert singly == together

@@ -1,10 +1,6 @@
-"""After reset_simulation, a used world continues bit-identically to an unused one.
-
-The demo's arm under its controllers with its camera, and a loose block with every sensor.
-"""
+"""After reset_simulation, a used world continues bit-identically to an unused one."""
 
 import pytest
-import yaml
 from aras_robot import CONTROLLERS, ArasRobot
 from recorded_values import values
 
@@ -39,17 +35,12 @@ GOAL = (0.05, -0.1, 0.2, -0.15, 0.1, 0.4)
 
 def made():
     robot = ArasRobot()
-    robot.block = robot.simulation.spawn(parse_urdf(BLOCK), "block", LAID)
-    robot.told = []
-    listen(robot)
-    return robot
-
-
-def listen(robot):
+    robot.block, robot.told = robot.simulation.spawn(parse_urdf(BLOCK), "block", LAID), []
     for sensor in robot.simulation.sensors:
         sensor.on_state = robot.told.append
     for camera in robot.simulation.cameras:
         camera.on_frame, camera.enabled = robot.told.append, True
+    return robot
 
 
 def follow(robot, count=250):
@@ -99,16 +90,6 @@ def test_what_comes_after_reset_simulation_knows_nothing_of_what_was_before():
     assert len(other[1]) > 40
     assert values(mine) == values(other)
     old.close(), new.close()
-
-
-PLUGIN = '<gazebo><plugin name="c" filename="libgazebo_ros_control.so"/></gazebo>'
-TRANSMISSION = """<transmission name="t"><type>transmission_interface/SimpleTransmission</type>
-<joint name="swing"><hardwareInterface>hardware_interface/{}</hardwareInterface></joint>
-<actuator name="m"/></transmission>"""
-GAINS = yaml.safe_load("{gazebo_ros_control: {pid_gains: {swing: {p: 500.0, i: 900.0, d: 20.0, "
-                       "i_clamp: 50.0}}}}")
-
-
 @pytest.mark.parametrize("reset", ["reset_world", "reset_simulation"])
 def test_a_command_that_waited_while_all_was_reset_does_not_count(reset):
     robot = ArasRobot(interpolate=False)
@@ -116,31 +97,32 @@ def test_a_command_that_waited_while_all_was_reset_does_not_count(reset):
     robot.command((0.1,) * 6)
     getattr(robot.simulation, reset)()
     robot.steps(1)
-    controllers = [robot.manager.get(name) for name in CONTROLLERS.values()]
-    states = [controller.loops[0].make_state(0, 0.001) for controller in controllers]
-    assert [state.set_point for state in states] == [0.0] * 6
+    loops = [robot.manager.get(name).loops[0] for name in CONTROLLERS.values()]
+    assert [loop.make_state(0, 0.001).set_point for loop in loops] == [0.0] * 6
     robot.close()
 
 
-@pytest.mark.parametrize(("interface", "parameters"), [
-    ("PositionJointInterface", {}), ("PositionJointInterface", GAINS),
-])
-def test_a_position_joint_stays_where_it_is_spawned_put_and_reset(make, interface, parameters):
+TRANSMISSION = """<transmission name="t"><type>transmission_interface/SimpleTransmission</type>
+<joint name="swing"><hardwareInterface>hardware_interface/PositionJointInterface</hardwareInterface>
+</joint><actuator name="m"/></transmission>
+<gazebo><plugin name="c" filename="libgazebo_ros_control.so"/></gazebo>"""
+GAINS = {"gazebo_ros_control": {
+    "pid_gains": {"swing": {"p": 500.0, "i": 900.0, "d": 20.0, "i_clamp": 50.0}}}}
+
+
+@pytest.mark.parametrize("parameters", [{}, GAINS])
+def test_a_position_joint_stays_where_it_is_spawned_put_and_reset(make, parameters):
     """spawn_model -J and set_model_configuration had no effect: the first step went to 0."""
-    pendulum = make.pendulum(kind="revolute").replace(
-        "</robot>", TRANSMISSION.format(interface) + PLUGIN + "</robot>")
+    pendulum = make.pendulum(kind="revolute").replace("</robot>", TRANSMISSION + "</robot>")
     simulation = Simulation()
     model = simulation.spawn(parse_urdf(pendulum), "arm", parameters=parameters,
                              joint_positions={"swing": 0.7})
-
-    def rests():
-        for _ in range(600):
-            simulation.step()
-        return model.read_joints()[0][0]
-
-    assert rests() == pytest.approx(0.7, abs=5e-3)
-    simulation.set_joint_positions("arm", {"swing": -0.4})
-    assert rests() == pytest.approx(-0.4, abs=5e-3)
-    simulation.reset_simulation()
-    assert rests() == pytest.approx(0.7, abs=5e-3)
+    for change, place in (
+        (lambda: None, 0.7),
+        (lambda: simulation.set_joint_positions("arm", {"swing": -0.4}), -0.4),
+        (simulation.reset_simulation, 0.7),
+    ):
+        change()
+        make.step(simulation, 600)
+        assert model.read_joints()[0][0] == pytest.approx(place, abs=5e-3)
     simulation.close()

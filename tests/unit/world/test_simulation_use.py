@@ -12,24 +12,17 @@ START = {"gantry": 0.1, "J1": 0.0, "J2": 0.17, "J3": -0.09, "J5": -0.09, "J6": 0
 
 @pytest.fixture
 def simulation():
-    simulation = Simulation()
-    simulation.spawn(description(), "arm", namespace="/arm", parameters=parameters(),
-                     joint_positions=START)  # fmt: skip
-    yield simulation
-    simulation.close()
+    it = Simulation()
+    it.spawn(description(), "arm", namespace="/arm", parameters=parameters(), joint_positions=START)
+    yield it
+    it.close()
 
 
-@pytest.fixture
-def robot(simulation):
-    return simulation.robots["arm"]
-
-
-def test_a_camera_is_found_by_name_and_delivers_at_its_instants(simulation):
+def test_a_camera_is_found_by_name_and_delivers_at_its_instants(make, simulation):
     camera = simulation.camera("/labrob/camera")
     frames = []
     camera.on_frame, camera.enabled = frames.append, True
-    for _ in range(101):
-        simulation.step()
+    make.step(simulation, 101)
     assert [frame.stamp_ns for frame in frames] == [33_333_333, 66_666_667, 100_000_000]
     assert frames[0].image.shape == (240, 320, 3)
     assert camera.parent_T_optical.shape == (4, 4)
@@ -37,7 +30,8 @@ def test_a_camera_is_found_by_name_and_delivers_at_its_instants(simulation):
         simulation.camera("labrob/camra")
 
 
-def test_what_is_unknown_or_impossible_is_refused(simulation, robot):
+def test_what_is_unknown_or_impossible_is_refused(simulation):
+    robot = simulation.robots["arm"]
     with pytest.raises(ControllerError, match="elbow"):
         robot.start(["elbow"])
     robot.start(["joint1_position_controller"])

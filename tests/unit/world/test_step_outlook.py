@@ -40,22 +40,21 @@ def arm(make, root, interface):
 
 
 def parameters(way):
+    """Parameters of the robot, and the controllers to start."""
     gains = {joint: {"p": p, "d": d} for joint, (p, d) in GAINS.items()}
     if way == "drive":
         return {"gazebo_ros_control": {"pid_gains": gains}}, []
-    if way == "trajectory":
-        return {"way": {"type": "effort_controllers/JointTrajectoryController",
-                        "joints": list(JOINTS), "gains": gains}}, ["way"]
-    if way == "speed":
-        return {joint: {"type": "effort_controllers/JointVelocityController", "joint": joint,
-                        "pid": {"p": 20.0 * d}} for joint, (_, d) in GAINS.items()}, list(JOINTS)
-    return {joint: {"type": "effort_controllers/JointPositionController", "joint": joint,
-                    "pid": gains[joint]} for joint in JOINTS}, list(JOINTS)
+    kind = f"effort_controllers/Joint{way}Controller"
+    if way == "Trajectory":
+        return {"way": {"type": kind, "joints": list(JOINTS), "gains": gains}}, ["way"]
+    if way == "Velocity":
+        gains = {joint: {"p": 20.0 * d} for joint, (_, d) in GAINS.items()}
+    own = {joint: {"type": kind, "joint": joint, "pid": gains[joint]} for joint in JOINTS}
+    return own, list(JOINTS)
 
 
 def swung(make, way, step, root="world", seconds=3.0):
-    """(h / the longest step that is told, largest speed / first speed, what is told). Gains lowered
-    as is told are borne, and those of one joint less are not."""
+    """(h / the longest step that is told, largest speed / first speed, what is told)."""
     settings, controllers = parameters(way)
     simulation = Simulation(SimulationConfig(step, (0.0, 0.0, 0.0), ground_plane=False))
     try:
@@ -93,8 +92,8 @@ def swung(make, way, step, root="world", seconds=3.0):
 
 
 @pytest.mark.parametrize(("way", "root"), [
-    ("position", "world"), ("trajectory", "world"), ("drive", "world"), ("speed", "world"),
-    ("position", "trunk"),
+    ("Position", "world"), ("Trajectory", "world"), ("drive", "world"), ("Velocity", "world"),
+    ("Position", "trunk"),
 ])
 def test_steps_diverge_where_it_is_told_and_not_before(make, way, root, caplog):
     longest = 0.005 / swung(make, way, 0.005, root, 0.01)[0]

@@ -146,9 +146,10 @@ def test_each_emergency_stop_holds_where_it_found_the_joint_or_a_reset_has_put_i
         rig.step(3)
 
 
-def test_a_clock_that_was_put_back_leaves_a_pid_what_it_has_gathered(make_rig, make_joint):
+@pytest.mark.parametrize("kind", ["Position", "Velocity"])
+def test_a_clock_that_was_put_back_leaves_a_pid_what_it_has_gathered(make_rig, make_joint, kind):
     rig = make_rig([make_joint("a")], {"c": {
-        "type": "effort_controllers/JointPositionController", "joint": "a",
+        "type": f"effort_controllers/Joint{kind}Controller", "joint": "a",
         "pid": {"p": 0.0, "i": 10.0, "i_clamp": 9.0}}})
     rig.model.stuck.add("a")
     rig.run("c").set_command(0.5)

@@ -49,7 +49,6 @@ class TestWriting:
         rig.hardware.write(1, 0.001)
         assert rig.model.calls == [applied] * 2
 
-
     @pytest.mark.parametrize("values", [{}, {"p": 20.0, "i": 5.0, "i_clamp": 9.0}])
     def test_a_position_joint_stays_where_it_was_put_until_commanded(
         self, make_rig, make_joint, values

@@ -1,6 +1,5 @@
 """Friction where bodies touch, and the inertia of each link, against closed forms."""
 
-
 import numpy as np
 import pytest
 

@@ -202,6 +202,18 @@ def arrived(simulation):
     return simulation
 
 
+def test_ticks_in_a_row_end_before_a_picture():
+    simulation = arrived(aras(cameras={"labrob": {"camera": {"update_rate": 15.0}}}))
+    robot_of(simulation).manager.switch([], ["joint_state_controller"])
+    simulation.step()
+    (camera,) = simulation.cameras
+    camera.enabled = True
+    for at in (302, 333):  # it begins to look; a picture falls at 333.3
+        simulation.step(10_000 * MS)
+        assert simulation.time_ns == at * MS
+    simulation.close()
+
+
 class Shy(PidPositionController):
     """A user's own."""
 

@@ -11,6 +11,7 @@ from aras_sim_bridge.world import Pose
 from aras_sim_bridge.world import collision_filters as reach
 from aras_sim_bridge.world.collision_filters import (
     BoundingBox,
+    HalfSpace,
     compute_reach,
     find_solids,
 )
@@ -68,6 +69,13 @@ def test_a_box_holds_what_a_slide_and_a_turn_allow_and_no_more(world, make):
         about = np.linalg.norm(np.abs(shape - at.xyz).max(axis=0)) + farther
         assert boxes[link].low == pytest.approx(np.minimum(one, two) - about, abs=2 * HULL)
         assert boxes[link].high == pytest.approx(np.maximum(one, two) + about, abs=2 * HULL)
+
+
+def test_gaps_between_boxes_and_above_slopes():
+    box, other = BoundingBox((1, 2, 3), (1.5, 4, 3.2)), BoundingBox((-1, 0, 3.1), (0.7, 3, 9))
+    assert box.gap(other) == pytest.approx(0.3) and other.gap(box) == pytest.approx(0.3)
+    slope = HalfSpace((0.0, 0.0, 1.0), (0.6, 0.0, -0.8))
+    assert slope.gap(box) == pytest.approx(0.6 * 1.0 - 0.8 * (3.2 - 1.0))
 
 
 def test_solids_are_the_shapes_of_the_links_that_are_asked_for(world, make):

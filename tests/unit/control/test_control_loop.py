@@ -25,8 +25,6 @@ class Recorder(Controller):
 
 @pytest.fixture
 def record(make_rig, make_joint):
-    """make(control period) gives (rig, updates of a running controller)."""
-
     def make(control_period_ns=None):
         rig = make_rig([make_joint("a")], {"c": {"type": f"{__name__}:Recorder"}},
                        control_period_ns=control_period_ns, physics=False)

@@ -1,5 +1,6 @@
 """Interpolated set points: values, continuity, and activation."""
 
+import random
 from itertools import pairwise
 from math import pi
 
@@ -23,7 +24,6 @@ def interpolation(kind="revolute", velocity=5.0):
 
 
 def follow(it, commands, ms, period=0.001):
-    """Set points at each ms; `commands` maps the ms of arrival to a command."""
     values = []
     for k in range(1, ms + 1):
         if k in commands:
@@ -44,6 +44,13 @@ def test_a_steady_stream_is_followed_one_interval_and_3_ms_behind(interval):
     assert behind[-200:] == pytest.approx([wanted] * 200, abs=1e-5 * speed * interval)
     steps = [b - a for a, b in pairwise(values[-200:])]
     assert steps == pytest.approx([speed / 1000] * 199, rel=2e-3)
+
+
+def test_commands_up_to_2_ms_early_or_late_neither_stop_nor_rush_the_set_point():
+    shift = random.Random(1)
+    commands = {10 * k + shift.choice([-2, -1, 0, 1, 2]): 0.008 * k for k in range(1, 200)}
+    steps = [b - a for a, b in pairwise(follow(interpolation(), commands, 1900)[-1000:])]
+    assert min(steps) > 0.55 * 0.8e-3 and max(steps) < 1.38 * 0.8e-3
 
 
 def test_one_command_is_reached_exactly_and_never_passed():

@@ -39,7 +39,6 @@ class Pixels(bytearray):
 
 
 def message(n: int) -> tuple[bytes, memoryview]:
-    """Return a message of two parts; every byte identifies its message."""
     return bytes([n]) * 10, memoryview(Pixels(bytes([n]) * (SIZE - 10)))
 
 

@@ -52,7 +52,6 @@ def move(world, model, steps):
 
 
 def apart(first, second):
-    """Distance (m) and angle (rad) of two poses."""
     turned = abs(float(np.dot(first.quat, second.quat)))
     return math.dist(first.xyz, second.xyz), 2.0 * math.acos(min(1.0, turned))
 

@@ -46,8 +46,6 @@ def tree_xml(make, seed):
 
 
 class Reference:
-    """Pinocchio's view of a URDF, in our order of joints."""
-
     def __init__(self, text, names):
         self.model = pinocchio.buildModelFromXML(text)
         self.model.gravity.linear = GRAVITY

@@ -44,7 +44,6 @@ def made():
 
 
 def follow(robot, count=250):
-    """Return messages and positions on the way to a goal."""
     robot.told.clear()
     robot.command(GOAL)
     way = []

@@ -14,12 +14,10 @@ import pytest
 from made_run import made_run
 
 from aras_visual_servo_bench import BenchError, Experiment, Run, run, run_with_images
+from aras_visual_servo_bench.recording.film import encode_frame
 
 FIGURES = ("feature_errors", "pose_errors", "features", "camera_twist", "image_trajectory",
            "camera_path", "joint_positions", "conditioning", "timing", "filmstrip")  # fmt: skip
-PNG = b"\x89PNG"
-
-
 @pytest.fixture(scope="module")
 def short() -> Run:
     """A run of a free camera that is too short to converge."""
@@ -32,17 +30,12 @@ def filmed() -> Run:
     return run_with_images(Experiment(plant="chain", features="images", camera="noisy"), "noisy")
 
 
-def without_measurements(done: Run) -> Run:
-    return replace(done, states=tuple(replace(s, scheme_output=None) for s in done.states))
+def without_measurements(done: Run, images: tuple[int, ...] = tuple(range(11))) -> Run:
+    return replace(done, states=tuple(replace(s, scheme_output=None) if i in images else s
+                                      for i, s in enumerate(done.states)))
 
 
-def blind(done: Run, *images: int) -> Run:
-    states = [replace(s, scheme_output=None) if i in images else s
-              for i, s in enumerate(done.states)]  # fmt: skip
-    return replace(done, states=tuple(states))
-
-
-def of_images(done: Run, count: int) -> Run:
+def first_images(done: Run, count: int) -> Run:
     return replace(done, states=done.states[:count], pose=done.pose[:count])
 
 
@@ -60,11 +53,7 @@ def test_a_run_is_described_in_six_lines(short: Run, filmed: Run) -> None:
     assert repr(replace(filmed, reason="noise", remedy="average")) == repr(filmed)
     assert repr(filmed.control_record) == (
         f"CameraRecord(320x240, {len(filmed.stamp)} exposures, {len(filmed.stamp)} images stored, "
-        "0 frames of a film)"
-    )
-
-
-def test_a_run_of_unknown_poses_says_so(short: Run) -> None:
+        "0 frames of a film)")
     unknown = replace(short, verdict=replace(short.verdict, name="", distance=np.nan))
     assert "verdict: unknown, because the true poses are" in repr(unknown)
     assert "No verdict: the true poses are unknown." in unknown._repr_html_()
@@ -72,70 +61,52 @@ def test_a_run_of_unknown_poses_says_so(short: Run) -> None:
     assert "goal_missed, distance unknown" in repr(known)
 
 
-def test_a_card_has_outcome_image_curve_and_numbers(filmed: Run) -> None:
+def test_a_card_has_outcome_image_curve_and_numbers(short: Run, filmed: Run) -> None:
     card = filmed._repr_html_()
     assert len(card) < 100_000
     assert card.count("data:image/jpeg;base64,") == 1 == card.count("data:image/png;base64,")
     for text in (filmed.outcome, "goal_reached", "final position error", "last image, "):
         assert text in card
     assert "No curve" not in card and "No image" not in card
-    film = replace(filmed, cameras={"camera": replace(
-        filmed.control_record, images=(), film=((1.0, large_jpeg()),)
-    )})  # fmt: skip
-    card = film._repr_html_()
+    large = encode_frame(np.random.default_rng(1).integers(0, 256, (1200, 1600, 3), np.uint8))
+    record = replace(filmed.control_record, images=(), film=((1.0, large),))
+    card = replace(filmed, cameras={"camera": record})._repr_html_()
     assert "data:image/jpeg" in card and len(card) < 100_000
-
-
-def large_jpeg() -> bytes:
-    from aras_visual_servo_bench.recording.film import encode_frame
-
-    return encode_frame(np.random.default_rng(1).integers(0, 256, (1200, 1600, 3), np.uint8))
-
-
-@pytest.mark.parametrize(("change", "told"), [
-    (lambda r: of_images(r, 0), "No curve: the loop has processed no image."),
-    (lambda r: of_images(r, 1), "No curve: only 1 of 1 images has a measurement."),
-    (without_measurements, "No curve: none of the 11 images has a measurement."),
-    (lambda r: blind(r, 0, 3), "The curve has gaps: 2 of 11 images have no measurement."),
-    (lambda r: blind(r, 7, 8, 9, 10), "The last 4 of 11 images have no measurement."),
-    (lambda r: replace(r, pose=np.tile(r.pose[:1], (len(r.pose), 1, 1))),
-     "The camera has not moved."),
-    (lambda r: r, "No image is stored: run_with_images stores them."),
-])  # fmt: skip
-def test_a_card_says_what_is_missing_and_why(short: Run, change, told: str) -> None:
-    changed = change(short)
-    card = changed._repr_html_()
-    assert told in card and changed.outcome in card and len(card) < 100_000
-    assert "no measurement" in told or "no measurement" not in card
-    assert ("data:image/png" in card) is not told.startswith("No curve")
-    assert "no image" in told or ("The camera has not moved." in card) is ("moved" in told)
-    assert len(repr(changed).splitlines()) <= 6
-
-
-def test_texts_of_a_card_are_short_and_no_markup(short: Run) -> None:
     notes = [f"<script>{n}</script>" for n in range(9)]
     card = replace(short, reason="<b>" + "long " * 10_000, notes=notes)._repr_html_()
     assert "<script>" not in card and "&lt;b&gt;" in card and "6 more notes" in card
     assert len(card) < 100_000
 
 
-@pytest.mark.parametrize("name", FIGURES)
-def test_a_figure_is_drawn_by_its_name(filmed: Run, name: str, tmp_path: Path) -> None:
-    import matplotlib.pyplot as plt
+@pytest.mark.parametrize(("change", "told"), [
+    (lambda r: first_images(r, 0), "No curve: the loop has processed no image."),
+    (lambda r: first_images(r, 1), "No curve: only 1 of 1 images has a measurement."),
+    (without_measurements, "No curve: none of the 11 images has a measurement."),
+    (lambda r: without_measurements(r, (0, 3)),
+     "The curve has gaps: 2 of 11 images have no measurement."),
+    (lambda r: without_measurements(r, (7, 8, 9, 10)),
+     "The last 4 of 11 images have no measurement."),
+    (lambda r: replace(r, pose=np.tile(r.pose[:1], (len(r.pose), 1, 1))),
+     "The camera has not moved."),
+    (lambda r: r, "No image is stored: run_with_images stores them.")])  # fmt: skip
+def test_a_card_says_what_is_missing_and_why(short: Run, change, told: str) -> None:
+    changed = change(short)
+    card = changed._repr_html_()
+    assert told in card and changed.outcome in card
+    assert "no measurement" in told or "no measurement" not in card
+    assert ("data:image/png" in card) is not told.startswith("No curve")
+    assert "no image" in told or ("The camera has not moved." in card) is ("moved" in told)
 
-    figure = filmed.plot(name, tmp_path / "figure.svg")
-    assert figure._repr_png_().startswith(PNG) and not plt.get_fignums()
+
+def test_a_figure_is_drawn_by_its_name_and_an_unknown_one_gets_the_list(
+        short: Run, tmp_path: Path) -> None:
+    figure = made_run(1, 0.9).plot(
+        "pose_errors", tmp_path / "figure.svg", others=[made_run(2, 1.4)])
+    assert figure._repr_png_().startswith(b"\x89PNG")
     assert "<svg" in (tmp_path / "figure.svg").read_text()
-
-
-def test_several_runs_are_drawn_together() -> None:
-    first, second = made_run(1, 0.9), made_run(2, 1.4)
-    labels = {text.get_text() for axis in first.plot("pose_errors", others=[second]).axes
+    labels = {text.get_text() for axis in figure.axes
               for text in (axis.get_legend().get_texts() if axis.get_legend() else ())}
     assert labels == {"run 1", "run 2"}
-
-
-def test_an_unknown_figure_gets_the_list(short: Run) -> None:
     with pytest.raises(BenchError, match="did you mean 'features'") as error:
         short.plot("feature")
     assert all(name in str(error.value) for name in FIGURES)
@@ -145,19 +116,7 @@ def test_an_unknown_figure_gets_the_list(short: Run) -> None:
         without_measurements(short).plot("features")
 
 
-def test_figures_and_table_are_those_of_a_report(filmed: Run, tmp_path: Path) -> None:
-    page = filmed.report(tmp_path / "report")
-    assert page == tmp_path / "report" / "report.html" and page.is_file()
-    drawn = {path.stem for path in (page.parent / "figures").glob("*.png")}
-    assert drawn == set(FIGURES)
-    assert filmed.plot.__doc__ and all(f"'{name}'" in filmed.plot.__doc__ for name in FIGURES)
-    written, table = pd.read_csv(page.parent / "data" / "images.csv"), filmed.to_pandas()
-    units = table.attrs["units"]
-    assert list(written) == [f"{name} [{units[name]}]" if name in units else name
-                             for name in table]  # fmt: skip
-
-
-def test_a_table_has_a_row_per_image_and_units() -> None:
+def test_a_table_has_a_row_per_image_and_units(short: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     done = made_run(1, 0.9)
     frame = done.to_pandas()
     assert len(frame) == len(done.stamp) and frame.index.name == "image"
@@ -165,22 +124,12 @@ def test_a_table_has_a_row_per_image_and_units() -> None:
     assert units["time"] == "s" and units["vx desired"] == "m/s" and units["turn error"] == "rad"
     assert "area" not in units and set(units) <= set(frame)
     np.testing.assert_array_equal(frame["turn error"], done.error[:, 2])
-    np.testing.assert_array_equal(frame["wz achieved"], done.achieved_twist[:, 5])
-    np.testing.assert_array_equal(frame["camera y"], done.pose[:, 1, 3])
     assert list(frame["phase"]) == list(done.phases)
     assert pd.api.types.is_float_dtype(frame["scale"])
-
-
-def test_an_empty_run_has_an_empty_table(short: Run) -> None:
-    assert of_images(short, 0).to_pandas().empty
-
-
-def test_a_run_and_its_text_load_neither_figures_nor_tables() -> None:
-    code = ("import sys\nfrom aras_visual_servo_bench import Study, run\n"
-            "print(repr(run({'plant': 'free', 'duration': 0.1})).count('\\n'), Study() is None)\n"
-            "print([name for name in ('matplotlib', 'pandas') if name in sys.modules])")
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert found.stdout.splitlines() == ["5 False", "[]"]
+    assert first_images(short, 0).to_pandas().empty
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(BenchError, match="pandas is not installed: run ./setup.sh"):
+        short.to_pandas()
 
 
 def test_figures_leave_the_users_backend_and_figures_alone() -> None:
@@ -191,9 +140,3 @@ def test_figures_leave_the_users_backend_and_figures_alone() -> None:
             "print(matplotlib.get_backend(), plt.get_fignums(), plt.gcf() is mine)")
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert found.stdout.splitlines() == ["svg [1] True"]
-
-
-def test_without_pandas_a_table_names_it(short: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(BenchError, match="pandas is not installed: run ./setup.sh"):
-        short.to_pandas()

@@ -3,18 +3,13 @@
 import json
 import math
 import re
-from dataclasses import fields
 from pathlib import Path
 
 import pytest
 
 from aras_visual_servo_bench.errors import RefusedRequestError
 from aras_visual_servo_bench.web.live import page_state as page
-from aras_visual_servo_bench.web.live.page_requests import (
-    CHOICE_FIELDS,
-    REQUESTS,
-    read_request,
-)
+from aras_visual_servo_bench.web.live.page_requests import REQUESTS, read_request
 from aras_visual_servo_bench.web.page_messages import MAX_BYTES, read_message
 from aras_visual_servo_controller.teleop.keyboard import CAMERA_KEYS
 
@@ -41,14 +36,12 @@ def test_a_request_is_read_as_it_was_sent():
     ("step", {}, "step: steps is missing: give a whole number"),
     ("step", {"steps": 0}, "step: steps is 0, must be >= 1"),
     ("step", {"steps": 10001}, "step: steps is 10001, must be <= 10000"),
-    ("step", {"steps": True}, "must be a whole number"),
-    ("step", {"steps": "5"}, "steps is '5', must be a whole number"),
-    ("step", {"steps": 2.5}, "steps is 2.5, must be a whole number"),
+    *(("step", {"steps": value}, f"steps is {value!r}, must be a whole number")
+      for value in (True, "5", 2.5)),
     ("gain", {"name": "gain", "value": 0.0}, "gain: value is 0.0, must be >= 0.001"),
     ("gain", {"name": "gain", "value": 101}, "value is 101.0, must be <= 100"),
     ("gain", {"name": "gain", "value": float("nan")}, "value is nan, must be a finite number"),
     ("gain", {"name": "gain", "value": 10**3900}, "..., must be a finite number"),
-    ("jog", {"vx": -10**3900}, "..., must be a finite number"),
     ("gain", {"name": "gian", "value": 1.0},
      "gain: name is 'gian', which does not exist: did you mean 'gain'?"),
     ("gain", {"name": ["gain"], "value": 1.0}, "name is ['gain'], must be a text"),
@@ -57,7 +50,6 @@ def test_a_request_is_read_as_it_was_sent():
     *(("jog", {axis: -1.1}, f"jog: {axis} is -1.1, must be >= -1") for axis in AXES[3:]),
     ("jog_joint", {"joint": "J4", "speed": 0.1}, "'J4', which does not exist: use one of J1"),
     ("jog_joint", {"joint": "J1", "speed": -1.01}, "must be >= -1"),
-    ("jog_joint", {"joint": "J1", "speed": 1.01}, "must be <= 1"),
     *(("goal", {axis: -0.31}, f"goal: {axis} is -0.31, must be >= -0.3") for axis in "xyz"),
     ("goal", {"turn": 3.2}, "goal: turn is 3.2, must be <= 3.14159"),
     ("servo", {"scheme": "os:system", "law": "pi", "start": "2016", "goal": "auto"},
@@ -70,10 +62,8 @@ def test_a_request_is_read_as_it_was_sent():
     ("target", {"name": "poster"}, "name is 'poster', which does not exist: none is available"),
     ("teach", {"name": "../mine"},
      "teach: name is '../mine', must be 1 to 40 letters, digits, - or _"),
-    ("teach", {"name": ""}, "letters, digits"),
     ("teach", {"name": "a" * 41}, "must be 1 to 40"),
-    ("teach", {"name": "a\n"}, "letters, digits"),
-])  # fmt: skip
+    ("teach", {"name": "a\n"}, "letters, digits")])  # fmt: skip
 def test_what_is_wrong_is_refused_with_the_reason(do, given, why):
     with pytest.raises(RefusedRequestError) as refused:
         ask(do, **given)
@@ -88,8 +78,7 @@ def test_what_is_wrong_is_refused_with_the_reason(do, given, why):
     *(("jog", {axis: sign * (0.25 if axis[0] == "v" else 1.0) for axis in AXES})
       for sign in (-1, 1)),
     *(("goal", {"x": sign * 0.3, "y": sign * 0.3, "z": sign * 0.3, "turn": sign * math.pi})
-      for sign in (-1, 1)),
-])  # fmt: skip
+      for sign in (-1, 1))])  # fmt: skip
 def test_what_is_just_within_its_bounds_is_taken(do, given):
     assert {key: vars(ask(do, **given))["arguments"][key] for key in given} == given
 
@@ -101,23 +90,12 @@ def test_a_request_of_4096_characters_is_read():
         read_message(text.ljust(4097), REQUESTS)
 
 
-def test_a_long_request_is_not_read_at_all():
-    with pytest.raises(RefusedRequestError, match=f"at most {MAX_BYTES} characters"):
-        read_message(json.dumps({"do": "start"}) + " " * MAX_BYTES, REQUESTS)
-
-
 @pytest.mark.parametrize("text", [
     "", "start", "[]", '"start"', "{}", '{"do": 1}', "[" * 4000, b"\x00", b'{"do": "start"}',
-    '{"do": "start", "x": "' + "a" * MAX_BYTES + '"}',
-])  # fmt: skip
+    '{"do": "start", "x": "' + "a" * MAX_BYTES + '"}'])  # fmt: skip
 def test_what_is_no_request_is_refused(text):
     with pytest.raises(RefusedRequestError):
         read_message(text, REQUESTS)
-
-
-def test_every_choice_is_a_field_of_a_request():
-    for do, chosen in CHOICE_FIELDS.items():
-        assert set(chosen) <= {field.name for field in fields(REQUESTS[do])}
 
 
 def test_the_pages_keys_are_those_of_the_terminal():

@@ -3,12 +3,10 @@
 import importlib.util
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.experiment.experiment import Experiment
-from aras_visual_servo_bench.runner.loop import Loop, run
+from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "docs" / "examples" / "pick_and_place.py"
@@ -39,27 +37,3 @@ def test_a_hand_that_is_taken_for_the_target_is_told(example, robot):
     wide = example.experiment(robot, 0).with_changes(camera={"horizontal_fov": 2.0})
     with pytest.raises(ExperimentError, match="another object is detected as the target"):
         assemble(wide)
-
-
-def test_the_box_is_loose_and_the_target_lies_on_it():
-    top, sides = 0.06, [0.06, 0.04, 0.05]
-    asked = Experiment(
-        target={"shape": "l_shape", "size": [0.03, 0.02], "pose": [0.1, 0.0, 0.59 + top, 0, 0, 0.3],
-                "box": {"size": sides, "mass": 0.4, "friction": 0.3}},
-        features="exact", start=[0.05, 0.0, -0.09, 0.045, 0.045, 0.0],
-        goal=[0.05, 0.0, -0.09, 0.045, 0.045, 0.0], duration=1.0,
-    )  # fmt: skip
-    loop = Loop(asked, assemble(asked))
-    try:
-        box = loop.plant.simulation.world.models["target"]
-        assert box.mass == 0.4 and not box.fixed_base
-        half = 0.5 * np.array(sides)
-
-        assert box.description.links["target"].mu == 0.3
-        before = box.pose().xyz
-        for _ in range(100):
-            box.apply_force("target", (1.5, 0.0, 0.0), box.pose().apply((0.0, 0.0, -half[2])))
-            loop.plant.simulation.step()
-        assert box.pose().xyz[0] > before[0] + 1e-3  # 1.5 N are more than 0.3 * 0.4 kg * g
-    finally:
-        loop.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import sys
 from dataclasses import replace
@@ -11,15 +12,7 @@ import numpy as np
 import pytest
 
 from aras_sim_bridge import SimError, Simulation, load_description, load_world, populate
-from aras_visual_servo_bench import (
-    BenchError,
-    Study,
-    load_run,
-    predict_decay_rate,
-    run,
-    run_study,
-    run_with_images,
-)
+from aras_visual_servo_bench import BenchError, Study, load_run, run, run_study
 
 EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
 QUICK = {"plant": "free", "duration": 0.3}
@@ -32,7 +25,6 @@ BOX = """<sdf version='1.6'><model name='box'><pose>1 0 2 0 0 0</pose><link name
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a study that was carried out."""
     path = tmp_path_factory.mktemp("study") / "mine"
     results = run_study(STUDY, path)
     assert results.read_column("gain") == [1.0, 1.0, 2.0, 2.0] and results.name == "mine"
@@ -50,40 +42,24 @@ def test_a_study_that_is_done_is_read_and_another_is_refused(folder: Path) -> No
         run_study({**STUDY, "repeat": 3}, folder)
 
 
-def test_what_is_missing_of_a_study_is_run(folder: Path, tmp_path: Path) -> None:
-    whole = run_study(STUDY, tmp_path / "again")
-    (part, *_) = sorted((tmp_path / "again" / "parts").iterdir())
-    kept = part.read_bytes()
-    part.unlink()
-    results = run_study(STUDY, tmp_path / "again")
-    assert part.read_bytes() == kept
-    assert np.array_equal(
-        results.read_numbers("final_distance"), whole.read_numbers("final_distance")
-    )
-
-
-def test_a_study_runs_itself(folder: Path, tmp_path: Path) -> None:
+def test_a_study_runs_itself(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     study = Study.from_mapping(STUDY)
-    stored, alone = study.run(folder), study.run(progress=False)
+    stored, alone = study.run(folder, progress=False), study.run(progress=False)
+    assert capsys.readouterr().err == ""
     assert stored.name == "mine" and alone.name == "study"
     assert stored.read_column("final_distance") == alone.read_column("final_distance")
-    parallel = study.run(tmp_path / "parallel", workers=2, progress=False)
+    parallel = study.run(tmp_path / "parallel", workers=2)
+    assert "4/4 runs" in capsys.readouterr().err
     assert parallel.read_column("final_distance") == alone.read_column("final_distance")
+    frame = stored.to_pandas()
+    assert list(frame["gain"]) == stored.read_column("gain")
+    assert frame.attrs["units"] == {"gain": "1/s", "final_distance": "m"}
     with pytest.raises(BenchError, match="must be stored: give a folder"):
         Study.from_mapping({**STUDY, "traces": True}).run()
 
 
-def test_the_progress_of_a_study_is_shown_or_not(
-    tmp_path: Path, capsys: pytest.CaptureFixture
-) -> None:
-    study = Study.from_mapping(STUDY)
-    study.run(tmp_path / "mine", progress=False)
-    assert capsys.readouterr().err == ""
-    study.run()
-    assert "4/4 runs" in capsys.readouterr().err
-
-
-def test_the_progress_of_a_run_goes_from_0_to_1(capsys: pytest.CaptureFixture) -> None:
+def test_the_progress_of_a_run_goes_from_0_to_1(
+    capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
     told: list[float] = []
     watched = run(QUICK, told.append)
     assert told == sorted(told) and told[0] < 0.2 and told[-1] == 1.0
@@ -93,40 +69,27 @@ def test_the_progress_of_a_run_goes_from_0_to_1(capsys: pytest.CaptureFixture) -
     told.clear()
     early = run({"plant": "free", "duration": 60.0, "time_after_convergence": 0.1}, told.append)
     assert early.end_stamp - early.start_stamp < 30.0 and told[-2] < 0.5 and told[-1] == 1.0
-
-
-def test_a_bar_is_drawn_where_it_can_be_overwritten(monkeypatch: pytest.MonkeyPatch) -> None:
     out = io.StringIO()
     out.isatty = lambda: True
     monkeypatch.setattr(sys, "stderr", out)
-    run(QUICK, progress=True)
+    run(QUICK, progress=True)  # a bar is drawn where it can be overwritten
     assert "% of 0.3 s" in out.getvalue() and out.getvalue().endswith("\r\x1b[K")
 
 
 def test_studies_and_their_results_are_described_in_few_lines(folder: Path) -> None:
-    assert repr(Study.from_mapping(STUDY)).splitlines() == [
+    study = Study.from_mapping(STUDY)
+    assert repr(study).splitlines() == [
         "Study: 4 runs: 2 points, 2 of each", "  experiment: plant free, duration 0.3",
-        "  varies: gain (2 values)", "  metrics: final_distance",
-    ]  # fmt: skip
-    many = Study(vary={"gain": [float(n + 1) for n in range(1000)], "start.side":
-                       {"uniform": [0.0, 0.1]}}, repeats=10_000,
-                 cases=[{"scheme": "points"}, {"scheme": "moments"}])  # fmt: skip
-    lines = repr(many).splitlines()
-    assert "20000000 runs: 2000 points, 2 cases, 10000 of each" in lines[0]
-    assert "gain (1000 values), start.side (random)" in repr(many) and len(repr(many)) < 300
+        "  varies: gain (2 values)", "  metrics: final_distance"]  # fmt: skip
+    many = repr(Study(repeats=10_000, cases=[{"scheme": "points"}, {"scheme": "moments"}], vary={
+        "gain": [float(n + 1) for n in range(1000)], "start.side": {"uniform": [0.0, 0.1]}}))
+    assert "20000000 runs: 2000 points, 2 cases, 10000 of each" in many.splitlines()[0]
+    assert "gain (1000 values), start.side (random)" in many and len(many) < 300
     assert repr(Study()).splitlines() == ["Study: 1 run: 1 point, 1 of each"]
-    lines = repr(Study.from_mapping(STUDY).run(folder)).splitlines()
-    assert lines[:3] == ["Results of mine: 4 of 4 runs", "  ends: timed_out (4)",
-                         "  settings: gain"]  # fmt: skip
+    assert repr(study.run(folder)).splitlines()[:3] == [
+        "Results of mine: 4 of 4 runs", "  ends: timed_out (4)", "  settings: gain"]  # fmt: skip
     judged = Study.from_mapping({**STUDY, "metrics": ["success"]}).run(progress=False)
     assert repr(judged).startswith("Results of study: 4 of 4 runs, 0 with success\n")
-
-
-def test_results_become_tables_with_units(folder: Path) -> None:
-    results = Study.from_mapping(STUDY).run(folder)
-    frame = results.to_pandas()
-    assert list(frame["gain"]) == results.read_column("gain")
-    assert frame.attrs["units"] == {"gain": "1/s", "final_distance": "m"}
 
 
 def test_the_results_of_two_studies_are_compared(folder: Path) -> None:
@@ -158,34 +121,20 @@ def test_a_run_of_a_study_is_loaded_with_its_images(folder: Path) -> None:
         load_run(f"{folder}:4")
 
 
-def test_an_experiment_is_loaded_by_its_file(tmp_path: Path) -> None:
-    file = tmp_path / "one.yaml"
-    file.write_text("{plant: free, duration: 0.3, gain: 2.0}\n")
-    found, same = load_run(file), run_with_images({**QUICK, "gain": 2.0}, "one")
-    assert found.name == same.name == "one"
-    assert np.array_equal(found.error, same.error, equal_nan=True)
-    for wrong, said in (("two.yaml", "there is no file"), ("", "has no run.bag")):
-        with pytest.raises(BenchError, match=said):
-            load_run(tmp_path / wrong)
-
-
-def test_the_predicted_decay_is_the_gain_without_delay() -> None:
-    assert predict_decay_rate(2.0, 0.0, 1e-4) == pytest.approx(2.0, rel=1e-3)
-    assert predict_decay_rate(2.0, 0.05) > predict_decay_rate(2.0, 0.0)
-
-
-def test_a_description_is_read_by_what_it_is(tmp_path: Path) -> None:
+def test_a_description_is_read_by_what_it_is_and_the_models_of_a_world_are_spawned(
+    tmp_path: Path) -> None:
     arm = load_description(EXAMPLES / "my_arm.urdf")
     (tmp_path / "box.sdf").write_text(BOX)
     box = load_description(tmp_path / "box.sdf")
-    simulation = Simulation()
-    try:
+    world = BOX.replace("<model", "<world name='w'><model").replace("</model>", "</model></world>")
+    (tmp_path / "box.world").write_text(world)
+    with contextlib.closing(Simulation()) as simulation:
         simulation.spawn(arm, "arm")
-        simulation.spawn(box, "box")
+        simulation.spawn(box, "other")
+        populate(simulation.spawn, load_world(tmp_path / "box.world"))
         assert simulation.world.model("arm").joint_names and not box.joints
+        assert simulation.world.model("box").pose().xyz == pytest.approx((1.0, 0.0, 2.0))
         simulation.step()
-    finally:
-        simulation.close()
 
 
 def test_a_mesh_is_found_beside_its_description(tmp_path: Path) -> None:
@@ -202,21 +151,9 @@ def test_a_mesh_is_found_beside_its_description(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("text", "said"), [
     (None, "description .*x.urdf cannot be read"), ("", "the description is empty"),
     ("<mujoco/>", "the root element is <mujoco>; it must be <robot> .URDF. or <sdf>"),
-    ("<robot name='r'/>", "description .*x.urdf: "),
-])  # fmt: skip
+    ("<robot name='r'/>", "description .*x.urdf: ")])  # fmt: skip
 def test_what_is_no_description_is_refused(tmp_path: Path, text: str | None, said: str) -> None:
     if text is not None:
         (tmp_path / "x.urdf").write_text(text)
     with pytest.raises(SimError, match=said):
         load_description(tmp_path / "x.urdf")
-
-
-def test_the_models_of_a_world_file_are_spawned(tmp_path: Path) -> None:
-    world = BOX.replace("<model", "<world name='w'><model").replace("</model>", "</model></world>")
-    (tmp_path / "box.world").write_text(world)
-    simulation = Simulation()
-    try:
-        populate(simulation.spawn, load_world(tmp_path / "box.world"))
-        assert simulation.world.model("box").pose().xyz == pytest.approx((1.0, 0.0, 2.0))
-    finally:
-        simulation.close()

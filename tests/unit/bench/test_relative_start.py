@@ -64,7 +64,7 @@ def test_it_looks_at_points_of_circles_from_within_a_box_turned_evenly():
     assert np.array_equal(posed(alone, 3)[:3, 3].round(12), GOAL[:3, 3].round(12))
 
 
-@pytest.mark.parametrize(("offset", "turn"), [(0.02, 5.0), (0.02, 0.0), (0.0, 5.0)])
+@pytest.mark.parametrize(("offset", "turn"), [(0.02, 0.0), (0.0, 5.0)])
 def test_scatter_is_along_and_about_each_axis(offset, turn):
     start = RelativeStart("back", distance=0.1, scatter=(offset, turn))
     plain = posed(RelativeStart("back", distance=0.1))
@@ -87,7 +87,5 @@ def test_an_experiment_starts_about_its_goal_s_pose():
                        target={"shape": "square", "pose": target})  # fmt: skip
     assert asked.with_absolute_start.start.pose == start.compute_pose(GOAL, TARGET, 9)
     assert asked.with_absolute_start.with_absolute_start == asked.with_absolute_start
-    with pytest.raises(
-        ExperimentError, match="start.kind 'back' is relative to the goal pose: set goal"
-    ):
+    with pytest.raises(ExperimentError, match="'back' is relative to the goal pose: set goal"):
         assemble(Experiment(start=RelativeStart("back")))

@@ -40,15 +40,13 @@ def pose(number):
     return found
 
 
-EYE = {"width": 64, "height": 48,
-       "camera_matrix": {"fx": 50.0, "fy": 44.0, "cx": 30.0, "cy": 21.0}}  # fmt: skip
+EYE = {"width": 64, "height": 48, "camera_matrix": {"fx": 50.0, "fy": 44.0, "cx": 30.0, "cy": 21.0}}
 EXPERIMENT = {
     "plant": "chain", "features": "exact", "gain": 3.0, "scheme": "moments@left",
     "camera": "original", "target": {"shape": "square", "size": [0.05, 0.05], "pose": [
         0.0, 0.0, 0.591, 0.0, 0.0, 0.3]},
     "cameras": {"left": {"model": EYE}, "blind": {"model": EYE},
-                "wide": {"model": {**EYE, "latency": 0.02}, "delay": 0.05}},
-}  # fmt: skip
+                "wide": {"model": {**EYE, "latency": 0.02}, "delay": 0.05}}}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -85,8 +83,7 @@ def test_a_recorder_keeps_what_it_is_told_from_where_servoing_began(parts):
     np.testing.assert_allclose(run.joint_stamp, [1.0, 1.5, 2.0, 2.5, 3.0])
     np.testing.assert_allclose(run.measured_positions, [[0.1 * i] * count for i in range(5)])
     np.testing.assert_allclose(run.measured_velocities, [[0.3 + i] * count for i in range(5)])
-    np.testing.assert_array_equal(
-        run.joint_commands, [[np.nan] * count] * 2 + [[0.7] * count] * 3)
+    np.testing.assert_array_equal(run.joint_commands, [[np.nan] * count] * 2 + [[0.7] * count] * 3)
     for i in range(5):
         np.testing.assert_allclose(run.true_pose[i], arm.pose(np.full(count, 0.1 * i)), atol=1e-9)
     scheme = parts.servo.scheme
@@ -174,9 +171,6 @@ def test_a_film_s_frames_are_as_large_as_its_bytes_allow():
     assert films.select_frames(stamps, 1.0, 3).tolist() == [stamps[1], 2.0, 9.0]  # halves are even
 
 
-# -- space ----------------------------------------------------------------------------------------
-
-
 def points(shape):
     return np.reshape(shape["points"], (-1, 3))
 
@@ -210,11 +204,9 @@ def test_what_stands_still_in_space_is_where_the_run_has_it():
         for number, path in enumerate(paths):
             own = dict(told["shapes"][str(number)])
             np.testing.assert_allclose(points(own["path"]), path[:, :3, 3], atol=1e-5)
-
             ideal = points(own["straight"])
             np.testing.assert_allclose(ideal, np.linspace(path[0, :3, 3], GOAL[:3, 3], len(ideal)),
                                        atol=1e-5)  # fmt: skip
-
         border = compute_image_border(some[0].camera)
         farthest = np.sqrt(1 + (border**2).sum(axis=1)).max()
         local = 0.2 * size / farthest * np.column_stack([border, np.ones(len(border))])
@@ -223,7 +215,6 @@ def test_what_stands_still_in_space_is_where_the_run_has_it():
         for name, camera in (("goal", GOAL), ("start", paths[0][0])):
             picture = points(own[f"{name} picture"])
             np.testing.assert_allclose(picture[:-1], in_world(camera, local), atol=1e-5)
-
             np.testing.assert_allclose(points(own[f"{name} edges"])[0], camera[:3, 3], atol=1e-5)
         np.testing.assert_allclose(told["rims"][0], local)
         colours = [LIVE_CURVES[k] for k in range(3)] if len(some) > 1 else [SCENE["rim"]]
@@ -250,8 +241,7 @@ def test_poses_and_films_are_those_that_were_known():
     places = np.random.default_rng(1).normal(size=(len(poses), 3, 3))
     jpeg = films.encode_frame(np.zeros((40, 80, 3), np.uint8))
     other = CameraRecord(
-        WIDE, film=tuple((s, jpeg) for s in (1.0, run.start_stamp, run.start_stamp + 0.5))
-    )
+        WIDE, film=tuple((s, jpeg) for s in (1.0, run.start_stamp, run.start_stamp + 0.5)))
     early = CameraRecord(WIDE, film=((1.0, jpeg),))
     pictures = tuple((float(s), np.zeros((40, 64, 3), np.uint8)) for s in run.stamp[:3])
     first = replace(run.control_record, images=((1.0, pictures[0][1]), *pictures), model=None)

@@ -28,14 +28,12 @@ def study(tmp_path):
     (["--renew", "0"], "--renew 1 or more"),
     (["--in-process", "--scheduler", "s"], "use only one of --in-process, --sched"),
     (["--scheduler", "s", "--cluster", "c"], "use only one of"),
-    (["--in-process", "--cluster", "c"], "use only one of"),
     (["--in-process", "--workers", "2"], "--in-process starts no workers"),
     (["--in-process", "--renew", "7"], "leave out --workers and --renew"),
     (["--scheduler", "s", "--workers", "2"], "leave out --workers"),
     (["--cluster", "c", "--workers", "2"], "leave out --workers"),
     (["--scheduler", "nowhere"], "no scheduler answers at nowhere"),
-    (["--cluster", "none.yaml", "--renew", "5"], "none.yaml"),
-])  # fmt: skip
+    (["--cluster", "none.yaml", "--renew", "5"], "none.yaml")])  # fmt: skip
 def test_workers_are_where_the_options_say(words, why, study, tmp_path, capsys):
     assert main(["run", str(study), "--out", str(tmp_path / "o"), *words]) == 1
     assert why in capsys.readouterr().err
@@ -92,30 +90,19 @@ def tiny(tmp_path):
     return carry_out
 
 
-def forget(folder, *chunks):
-    for chunk in chunks:
-        (folder / "parts" / f"{chunk:06d}.parquet").unlink()
-
-
 def test_what_is_missing_is_run_and_reported(tiny, capsys):
     assert tiny("--no-report") == 0
     assert (tiny.path / "study.yaml").read_text() == TINY
     said, shown = capsys.readouterr()
     assert re.fullmatch(f"6 of 6 runs in {tiny.path}, 6 new runs without success, .* s\n", said)
     assert "6/6 runs" in shown and not (tiny.path / "table.md").exists()
-    forget(tiny.path, 1, 4)
+    for chunk in (1, 4):
+        (tiny.path / "parts" / f"{chunk:06d}.parquet").unlink()
     assert tiny() == 0
     said, shown = capsys.readouterr()
     assert said.startswith(f"6 of 6 runs in {tiny.path}, 2 new runs without success, ")
     assert "6/6 runs, " in shown and "2 without success" in shown
     assert f"{tiny.path / 'table.md'} has all metrics" in said
-
-
-def test_a_study_of_first_pictures_reports_no_failures(tiny, capsys):
-    assert tiny("--no-report", "pictures=first", "features=images", "repeats=1") == 0
-    said = capsys.readouterr().out
-    assert said.startswith(f"2 of 2 runs in {tiny.path}, ") and "failed" not in said
-    assert "README.md describes the stored images and how to read them" in said
 
 
 def test_a_run_without_success_stops_it(tiny, capsys):
@@ -158,25 +145,22 @@ def test_what_ends_it_early_says_how_to_go_on(tiny, tmp_path, monkeypatch, capsy
 
 def test_other_code_is_refused_or_mixed(tiny, capsys):
     tiny("--no-report")
-    forget(tiny.path, 5)
+    (tiny.path / "parts" / "000005.parquet").unlink()
     manifest = tiny.path / "manifest.json"
     told = json.loads(manifest.read_text())
     told["versions"]["numpy"] = "0.1"
     manifest.write_text(json.dumps(told))
     capsys.readouterr()
-    for start in (lambda *words: tiny("--no-report", *words), lambda *words: main(
-            ["resume", str(tiny.path), "--in-process", "--no-report", *words])):  # fmt: skip
+    resume = ["resume", str(tiny.path), "--in-process", "--no-report"]
+    for start in (lambda *words: tiny("--no-report", *words), lambda *w: main([*resume, *w])):
         assert start() == 1
-        assert capsys.readouterr().err.endswith("run the study again in a new folder, or add "
-                                                "--mix\n")  # fmt: skip
+        assert capsys.readouterr().err.endswith("again in a new folder, or add --mix\n")
         assert start("--mix") == 0
 
 
 @pytest.mark.parametrize(("changes", "shown"), [
-    ([], True), (["vary={gain: {uniform: [1.0, 2.0]}}"], True), (["metrics=[success]"], False),
-])  # fmt: skip
+    ([], True), (["vary={gain: {uniform: [1.0, 2.0]}}"], True), (["metrics=[success]"], False)])
 def test_a_report_is_a_table_and_pictures(tiny, capsys, changes, shown):
-    """A short table of the main metrics is printed, where the study has one of them."""
     assert tiny("metrics=[success, final_distance]", *changes) == 0
     said, found = capsys.readouterr().out, [Results.read(tiny.path)]
     table = tables.format_table(tables.make_table(found), "md")

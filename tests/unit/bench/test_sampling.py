@@ -59,16 +59,8 @@ def test_the_last_joint_begins_at_the_turn_that_was_drawn(low, high, goal):
 
 
 def test_a_start_lies_above_the_middle_of_a_target_that_is_turned():
-    body = FreeCameraKinematics(GOAL)
-    joints = draw_start(
-        RandomStart(height=(0.25, 0.25), side=0.0, turn=1.0),
-        body,
-        GOAL,
-        np.zeros(6),
-        PLACED,
-        CAMERA,
-        3,
-    )
+    body, sampler = FreeCameraKinematics(GOAL), RandomStart((0.25, 0.25), side=0.0, turn=1.0)
+    joints = draw_start(sampler, body, GOAL, np.zeros(6), PLACED, CAMERA, 3)
     np.testing.assert_allclose(body.pose(joints)[:3, 3], MIDDLE + [0, 0, 0.25], atol=1.1e-4)
 
 
@@ -114,11 +106,6 @@ class Stuck(FreeCameraKinematics):
 NEAR = np.array([0.1, -0.2, 0.3, 0.4, 0.5, 0.6])
 EXACTLY = RandomStart(height=(0.3, 0.3), side=0.0, turn=0.0, attempts=1)
 AHEAD = matrix_from_xyz_rpy((0, 0, 0), (0, 0, 0))
-BELOW = PlacedTarget(
-    SHAPE, matrix_from_xyz_rpy((*(MIDDLE[:2] - [0.01, 0.01]), 0.1), (0.0, 0.0, 0.0))
-)
-
-
 class Anywhere(PolygonTarget):
     """Target that is in the middle of every image."""
 
@@ -126,17 +113,17 @@ class Anywhere(PolygonTarget):
         return np.array(self.corners)
 
 
-SEEN = PlacedTarget(Anywhere(SHAPE.corners), BELOW.pose)
+SEEN = PlacedTarget(Anywhere(SHAPE.corners), matrix_from_xyz_rpy(
+    (*(MIDDLE[:2] - [0.01, 0.01]), 0.1), (0.0, 0.0, 0.0)))
 
 
-def looked_for(body, sampler=EXACTLY, **more):
-    return draw_start(sampler, body, AHEAD, NEAR, SEEN, CAMERA, 4, **more)
+def looked_for(body):
+    return draw_start(EXACTLY, body, AHEAD, NEAR, SEEN, CAMERA, 4)
 
 
 @pytest.mark.parametrize(("off", "asked"), [
     (0.11, 4 * 7),  # what is still away by more than 0.1 m after six steps is out of reach
-    (0.09, 4 * 12),
-])
+    (0.09, 4 * 12)])
 def test_joints_are_looked_for_from_four_beginnings(off, asked):
     body = Stuck(off)
     with pytest.raises(ExperimentError, match=r"in 1 attempts \(1 out of reach\): reduce start.he"):
@@ -153,16 +140,10 @@ def test_a_pose_is_found_to_a_tenth_of_a_millimetre_and_within_limits():
     for body in (Stuck(1.2e-4), Stuck(0.0, upper=0.59), Stuck(0.0, lower=0.61, upper=0.62)):
         with pytest.raises(ExperimentError, match="1 out of reach"):
             looked_for(body)
-    edge = Stuck(0.0, lower=-1.0, upper=1.0)
-    edge.lower[5] = edge.upper[5] = 0.6
-    assert looked_for(edge)[5] == 0.6
 
 
 def test_why_no_start_was_found_is_counted():
-    body, sampler = (
-        FreeCameraKinematics(GOAL),
-        RandomStart(height=(0.25, 0.25), side=0.0, attempts=3),
-    )
+    body, sampler = FreeCameraKinematics(GOAL), RandomStart((0.25, 0.25), side=0.0, attempts=3)
     given = (sampler, body, GOAL, np.zeros(6), PLACED, CAMERA, 3)
     words = r"no start found in 3 attempts \({}\): reduce start.height"
     with pytest.raises(ExperimentError, match=words.format("3 in collision")):
@@ -177,8 +158,6 @@ def test_why_no_start_was_found_is_counted():
     for other in (aside, behind):
         with pytest.raises(ExperimentError, match=words.format("3 out of view")):
             draw_start(*given, other_cameras=[(own, CAMERA, other)])
-    with pytest.raises(ExperimentError, match=words.format("3 out of view")):
-        draw_start(*given[:4], aside, CameraModel(320, 240, (900.0, 0, 0, 0, 900, 0, 0, 0, 1)), 3)
     # The margin: 0.29 m before the middle the corners keep some 95 px from the upper border.
     wide = RandomStart(height=(0.25, 0.25), side=0.0, margin=150.0, attempts=3)
     with pytest.raises(ExperimentError, match="3 out of view"):

@@ -8,15 +8,12 @@ from scipy.spatial.transform import Rotation
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.experiment import cameras
 from aras_visual_servo_bench.targets.geometry import (
     PlacedTarget,
     PolygonTarget,
     PoseHistory,
     TargetMotion,
 )
-from aras_visual_servo_camera.camera_model import CameraModel
-from aras_visual_servo_camera.moments import Moments
 
 SQUARE = PolygonTarget(((-0.1, -0.1), (0.1, -0.1), (0.1, 0.1), (-0.1, 0.1)))
 DOWN = np.diag([1.0, -1.0, -1.0, 1.0])  # looks along the target's -z, x to the right
@@ -48,43 +45,21 @@ def test_a_target_moves_about_its_own_origin():
     np.testing.assert_allclose(moved[:3, 3], [1.1, 0.02, 0.0], atol=1e-12)
     np.testing.assert_allclose(moved[:3, :3], np.diag([-1.0, -1.0, 1.0]), atol=1e-12)
     np.testing.assert_allclose(
-        target.world_T_target(2.0) @ target.target_T_camera(above(), 2.0), above(), atol=1e-12
-    )
-    moving = PlacedTarget(
-        SQUARE, pose, TargetMotion((0.1, 0, 0, 0, 0, 0))
-    )  # without a time, at 0 s
+        target.world_T_target(2.0) @ target.target_T_camera(above(), 2.0), above(), atol=1e-12)
+    moving = PlacedTarget(SQUARE, pose, TargetMotion((0.1, 0, 0, 0, 0, 0)))
+    # without a time, at 0 s
     np.testing.assert_allclose(pose @ moving.target_T_camera(above()), above(), atol=1e-12)
-
-
-def test_a_polygon_needs_three_corners():
-    with pytest.raises(ExperimentError, match="at least 3"):
-        PolygonTarget(((0.0, 0.0), (1.0, 0.0)))
-
-
-def test_a_drawn_picture_has_the_outlines_moments():
-    K = (105.0, 0.0, 159.5, 0.0, 105.0, 119.5, 0.0, 0.0, 1.0)
-    camera = CameraModel(320, 240, K, (0.0,) * 4, "equidistant")
-    outline = SQUARE.outline(above(0.03, 0.02, 0.45))
-    picture = cameras.draw_outline(outline, camera)
-
-    coverage = (cameras.WHITE_LEVEL - picture.astype(float)) / (
-        cameras.WHITE_LEVEL - cameras.DARK_LEVEL
-    )
-    exact = Moments.from_polygon(outline, 2)
-    tables = camera.tables
-    seen = Moments.from_samples(
-        tables.x.ravel(), tables.y.ravel(), (coverage * tables.area).ravel(), 2
-    )
-    assert seen.m00 == pytest.approx(exact.m00, rel=2e-3)
-    assert seen.xg == pytest.approx(exact.xg, abs=2e-4)
-    assert seen.yg == pytest.approx(exact.yg, abs=2e-4)
+    for kind in ({"velocity": (0.0,) * 5 + (0.1,)}, {"step": (0.0, 0.0, 0.1)},
+                 {"amplitude": (0.0, 0.1, 0.0), "frequency": 1.0},
+                 {"circle": 0.1, "frequency": 1.0}, {"path": ((1.0, 0.1, 0.0, 0.0),)}):
+        assert not TargetMotion(**kind).is_static
+    assert TargetMotion(begin=3.0, hold=1.0, frequency=2.0).is_static
 
 
 EVERYTHING = TargetMotion(
     velocity=(0.1, -0.2, 0.3, 0.4, -0.5, 0.6), amplitude=(0.01, 0.02, -0.03), frequency=0.3,
     circle=0.05, step=(0.2, -0.1, 0.07), hold=0.75,
-    path=((1.0, 0.1, 0.2, 0.3), (3.0, -0.1, 0.4, 0.2, 0.3, -0.2, 0.5)), begin=0.5,
-)  # fmt: skip
+    path=((1.0, 0.1, 0.2, 0.3), (3.0, -0.1, 0.4, 0.2, 0.3, -0.2, 0.5)), begin=0.5)
 
 
 @pytest.mark.parametrize("since", [0.0, 0.2, 0.74, 0.76, 1.0, 1.49, 1.51, 2.2, 2.9, 7.3])
@@ -109,22 +84,9 @@ def test_all_motions_are_one_on_top_of_the_other(since):
         np.testing.assert_array_equal(PlacedTarget(SQUARE, pose, motion).world_T_target(0.49), pose)
 
 
-@pytest.mark.parametrize("kind", [
-    {"velocity": (0.0,) * 5 + (0.1,)}, {"amplitude": (0.0, 0.1, 0.0), "frequency": 1.0},
-    {"circle": 0.1, "frequency": 1.0}, {"step": (0.0, 0.0, 0.1)}, {"path": ((1.0, 0.1, 0.0, 0.0),)},
-])
-def test_each_kind_of_motion_is_one(kind):
-    assert (
-        not TargetMotion(**kind).is_static
-        and TargetMotion(begin=3.0, hold=1.0, frequency=2.0).is_static
-    )
-
-
 def test_a_course_knows_the_pose_of_the_last_change():
-    course, poses = (
-        PoseHistory(),
-        [matrix_from_xyz_rpy((k, 0.0, 0.0), (0.0, 0.0, 0.1 * k)) for k in range(3)],
-    )
+    course = PoseHistory()
+    poses = [matrix_from_xyz_rpy((k, 0.0, 0.0), (0.0, 0.0, 0.1 * k)) for k in range(3)]
     assert course.find_pose(5.0) is None
     for time, k in ((1.0, 0), (1.5, 0), (2.0, 1), (3.0, 2)):
         course.add(time, poses[k] + 1e-10)
@@ -134,31 +96,12 @@ def test_a_course_knows_the_pose_of_the_last_change():
         np.testing.assert_allclose(target.world_T_target(time), poses[k], atol=1e-9)
 
 
-PATH = ((1.0, 0.1, 0.0, 0.02), (3.0, 0.1, -0.06, 0.02, 0.0, 0.4, 1.2), (3.5, 0.0, 0.0, 0.0))
-
-
-@pytest.mark.parametrize(("time", "place", "rpy"), [
-    (0.4, (0, 0, 0), (0, 0, 0)), (1.0, (0.05, 0, 0.01), (0, 0, 0)),
-    (1.5, (0.1, 0, 0.02), (0, 0, 0)), (3.5, (0.1, -0.06, 0.02), (0, 0.4, 1.2)),
-    (3.75, (0.05, -0.03, 0.01), None), (4.0, (0, 0, 0), (0, 0, 0)), (9.0, (0, 0, 0), (0, 0, 0)),
-])  # fmt: skip
-def test_it_goes_along_a_path_of_waypoints(time, place, rpy):
-    pose = matrix_from_xyz_rpy((0.3, 0.2, 0.1), (0.1, 0.2, 0.3))
-    target = PlacedTarget(SQUARE, pose, TargetMotion(path=PATH, begin=0.5))
-    assert not target.motion.is_static
-    found = target.world_T_target(time)
-    np.testing.assert_allclose(found[:3, 3] - pose[:3, 3], place, atol=1e-12)
-    if rpy is not None:
-        turned = matrix_from_xyz_rpy((0, 0, 0), rpy)[:3, :3] @ pose[:3, :3]
-        np.testing.assert_allclose(found[:3, :3], turned, atol=1e-12)
-
-
 @pytest.mark.parametrize(("path", "complaint"), [
     (((0.0, 0.1, 0.0, 0.0),), "times are 0 s, must be above 0 and increase"),
-    (((2.0, 0.1, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)), "times are 2, 1 s, must be above 0 and "
-                                                   "increase"),
-    (((1.0, 0.1, 0.0),), r"waypoint \[1.0, 0.1, 0.0\], must be \[t, x, y, z\]"),
-])  # fmt: skip
+    (((2.0, 0.1, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)), "times are 2, 1 s, must be above 0 and incre"),
+    (((1.0, 0.1, 0.0),), r"waypoint \[1.0, 0.1, 0.0\], must be \[t, x, y, z\]")])  # fmt: skip
 def test_a_path_that_is_none_is_refused(path, complaint):
     with pytest.raises(ExperimentError, match=complaint):
         TargetMotion(path=path)
+    with pytest.raises(ExperimentError, match="at least 3"):
+        PolygonTarget(((0.0, 0.0), (1.0, 0.0)))

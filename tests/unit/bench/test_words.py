@@ -36,7 +36,6 @@ def study(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def folders(study, tmp_path_factory):
-    """Two stored studies, the second with other gains and longer runs."""
     places = [tmp_path_factory.mktemp("runs") / name for name in "xy"]
     first, longer = Study.from_yaml(study), Study.from_yaml(study, {"duration": 0.2})
     run_study(first, places[0])
@@ -46,8 +45,7 @@ def folders(study, tmp_path_factory):
 
 def test_a_table_has_the_selected_rows_columns_and_format(folders, tmp_path, capsys):
     made = tables.make_table(
-        [Results.read(one) for one in folders], ["gain", "start"], ["final_distance"]
-    )
+        [Results.read(one) for one in folders], ["gain", "start"], ["final_distance"])
     words = ["table", *folders, "--by", "gain, start,", "--metrics", "final_distance"]
     for kind in ("md", "csv", "tex"):
         assert main([*words, "--format", kind]) == 0
@@ -74,11 +72,9 @@ def test_figures_have_the_selected_place_and_formats(folders, tmp_path, capsys):
 
 @pytest.mark.parametrize(("more", "by", "names", "everything"), [
     (["--by", "start", "--metrics", "final_distance"], ["start"], ["final_distance"], False),
-    (["--all"], [], [], True),
-])  # fmt: skip
+    (["--all"], [], [], True)])  # fmt: skip
 def test_differences_are_of_the_second_folder_from_the_first(
-    more, by, names, everything, folders, capsys
-):
+        more, by, names, everything, folders, capsys):
     first, second = map(Results.read, folders)
     assert main(["diff", *folders, *more]) == 0
     told = first.compare(second, by, names).describe(everything)
@@ -127,9 +123,6 @@ def test_settings_are_searched_for_as_the_words_say(study, tmp_path, capsys):
     assert "no candidate keeps the target in the image" in capsys.readouterr().err
 
 
-# -- what is analyzed ------------------------------------------------------------------------------
-
-
 def test_the_report_names_the_runs_and_their_notes(tmp_path, capsys):
     paths = [tmp_path / "one.yaml", tmp_path / "two.yml"]
     for path in paths:
@@ -150,12 +143,6 @@ def test_the_report_names_the_runs_and_their_notes(tmp_path, capsys):
         with pytest.raises(BenchError) as error:
             load_run(paths[0])
         assert str(error.value).startswith(why) and str(error.value).count("one.yaml") == 1
-
-
-def test_a_run_of_a_study_is_named_by_its_number(folders):
-    run = load_run(f"{folders[0]}:3")
-    row = Results.read(folders[0]).table.slice(3, 1).to_pylist()[0]
-    assert run.name == "x:3" and run.experiment.gain == row["gain"]
 
 
 def test_a_bag_is_found_however_it_was_left(tmp_path):
@@ -182,8 +169,7 @@ def test_a_bag_is_found_however_it_was_left(tmp_path):
     (["show", "{}/a.bag", "3"], "{}/a.bag is a bag and contains only one run"),
     (["show", "{}"], "give the number of a run: rosrun aras_visual_servo_bench bench show {} 0"),
     (["browse", "{}", "--port", "0"], "--port is 0, must be 1 to 65535"),
-    (["browse", "{}", "--port", "65536"], "--port is 65536, must be 1 to 65535"),
-])  # fmt: skip
+    (["browse", "{}", "--port", "65536"], "--port is 65536, must be 1 to 65535")])  # fmt: skip
 def test_a_wrong_argument_is_one_line(words, told, tmp_path, capsys):
     (tmp_path / "a.bag").write_text("")
     assert main([word.format(tmp_path) for word in words]) == 1

@@ -32,7 +32,7 @@ EYE = {"width": 320, "height": 240, "update_rate": 20.0,
        "camera_matrix": {"fx": 300.0, "fy": 280.0, "cx": 166.0, "cy": 115.0}}  # fmt: skip
 FLAT = {"shape": "l_shape", "size": [0.08, 0.06], "pose": [0.0, 0.0, 0.591, 0.0, 0.0, 0.3]}
 ABOVE = matrix_from_xyz_rpy((0.01, 0.02, 0.85), (np.pi - 0.1, 0.05, 0.2))
-MOMENTS, NONE = frozenset({Need.MOMENTS}), frozenset()
+MOMENTS = frozenset({Need.MOMENTS})
 
 
 def context_of(needs=None, depth=False, label="", **keys):
@@ -51,21 +51,20 @@ DRAWN = {**FREE, "features": "images"}
 
 
 def test_a_sight_has_what_is_needed_and_asked_for():
-    for needs, asked, wanted in ((MOMENTS, False, False), (MOMENTS, True, True), (
-            frozenset({Need.DEPTH}), False, True)):
+    for needs, asked, wanted in ((MOMENTS, False, False), (MOMENTS, True, True),
+                                 (frozenset({Need.DEPTH}), False, True)):  # fmt: skip
         assert seen(context_of({"camera": needs}, depth=asked, **FREE)).has_depth is wanted
-    for needs, label, wanted in ((MOMENTS, "m", True), (MOMENTS, "", False), (
-            frozenset({Need.IMAGE}), "m", False)):
+    for needs, label, wanted in ((MOMENTS, "m", True), (MOMENTS, "", False),
+                                 (frozenset({Need.IMAGE}), "m", False)):  # fmt: skip
         assert seen(context_of({"camera": needs}, label=label, **FREE)).has_labels is wanted
     found = seen(context_of(**FREE, jitter=0.3))
     assert (found.rate, found.name, found.jitter, found.effects) == (20.0, "camera", 0.3, Effects())
     assert (found.placement, len(found.row_bands), found.vibration, found.is_unbounded) == (
         None, 1, None, False)
     assert not found.has_images and found.camera.K[0] == 300.0 and found.occluder is None
-    ideal = {"plant": "ideal", "ideal": {"unbounded": True}}
-    assert (
-        seen(context_of(**ideal)).is_unbounded and not seen(context_of(plant="ideal")).is_unbounded
-    )
+    for unbounded in (True, False):
+        ideal = context_of(plant="ideal", ideal={"unbounded": unbounded})
+        assert seen(ideal).is_unbounded is unbounded
 
 
 def test_a_goal_is_taught_without_noise():
@@ -85,8 +84,7 @@ def test_a_goal_is_taught_without_noise():
     noisy = [
         capture(seen(context_of(**{**pictured, "camera": eye}, seed=seed)), ABOVE, 10**8,
                 np.random.default_rng(0)).image
-        for seed in (1, 1, 2)
-    ]
+        for seed in (1, 1, 2)]
     np.testing.assert_array_equal(*noisy[:2])
     assert (noisy[0] != noisy[2]).any() and noisy[0].shape == (240, 320)
     # Forty rows at once, each at the middle of its own.
@@ -103,15 +101,11 @@ def test_a_goal_is_taught_without_noise():
 
 def test_noise_is_each_camera_s_and_each_seed_s():
     eye = {**EYE, "shake": {"xyz": [1e-3, 0, 0], "frequency": 20.0}}
-    found = {}
-    for seed, own in ((1, {}), (2, {}), (1, {"seed": 77})):
+    for seed, own, derived in ((1, {}, derive_seed(1, "camera")), (1, {"seed": 77}, 77),
+                               (2, {}, derive_seed(2, "camera"))):  # fmt: skip
         vibration = seen(context_of(**FREE, seed=seed, camera={**eye, **own})).vibration
-        found[seed, bool(own)] = vibration.compute_pose(10**9)
-    other = Vibration(cameras.make_camera_config(eye).shake, derive_seed(1, "camera"))
-    np.testing.assert_array_equal(found[1, False], other.compute_pose(10**9))
-    other = Vibration(cameras.make_camera_config(eye).shake, 77)
-    np.testing.assert_array_equal(found[1, True], other.compute_pose(10**9))
-    assert not np.array_equal(found[1, False], found[2, False])
+        other = Vibration(cameras.make_camera_config(eye).shake, derived)
+        np.testing.assert_array_equal(vibration.compute_pose(10**9), other.compute_pose(10**9))
 
 
 def test_what_covers_a_target_is_not_there_when_the_goal_is_taught():
@@ -152,8 +146,6 @@ def test_a_camera_may_look_at_a_target_of_its_own():
     np.testing.assert_allclose(right.placement.pose[:3, 3], [0.1, 0.0, 0.0], atol=1e-12)
 
 
-# -- what it is made of --------------------------------------------------------------------------
-
 START = np.array([0.05, 0.0, -0.09, 0.045, 0.045, 0.1])
 
 
@@ -163,8 +155,7 @@ def test_targets_that_the_arm_carries_are_put_onto_its_links():
     found = find_mounted_targets(Experiment.from_mapping(given))
     assert list(found) == ["target"] and found["target"].link == "hand"
     np.testing.assert_allclose(
-        found["target"].pose, matrix_from_xyz_rpy(FLAT["pose"][:3], FLAT["pose"][3:])
-    )
+        found["target"].pose, matrix_from_xyz_rpy(FLAT["pose"][:3], FLAT["pose"][3:]))
     assert found["target"].urdf.suffix == ".urdf"
     eyes = {"a": {}, "b": {"target": OWN, "target_frame": "wrist"}, "c": {"target": OWN}}
     found = find_mounted_targets(Experiment.from_mapping({**given, "cameras": eyes}))
@@ -191,9 +182,6 @@ def test_a_goal_is_shown_by_the_first_picture_of_each_camera_that_is_read():
     made = context_of({"left": MOMENTS, "right": MOMENTS}, cameras=slow, camera="original")
     with pytest.raises(ExperimentError, match="delivers no image within 1 s, so the goal"):
         take_first_images(made, START)
-
-
-# -- how goals are taught ------------------------------------------------------------------------
 
 
 def views(needs, **keys):
@@ -231,7 +219,7 @@ def test_a_goal_holds_what_is_seen_there_as_it_is_believed():
     assert goal.moments.m00 == pytest.approx(area)
 
 
-CORNERS, CONTOUR = frozenset({Need.CORNERS}), frozenset({Need.CONTOUR})
+CORNERS = frozenset({Need.CORNERS})
 BENT = {"shape": ((-0.05, -0.04), (0.05, -0.04), (0.05, 0.04), (-0.05, 0.0))}
 
 
@@ -245,31 +233,23 @@ def test_what_a_picture_teaches_is_taught_by_one(needs, keys, shown):
     assert needs_images(views(needs, **keys)) is shown
 
 
-@pytest.mark.parametrize(("shift", "why"), [
-    ((9.0, 0.0), ""), ((-9.0, 9.0), ""), ((60.0, 0.0), "another object is detected"),
-    ((-60.0, 0.0), "another object is detected"), ((0.0, 60.0), "another object is detected"),
-    ((0.0, -60.0), "another object is detected")])
-def test_something_else_of_the_target_s_colour_is_told(shift, why):
-    found = views(MOMENTS, label="target")
+@pytest.mark.parametrize(("keys", "shift", "size", "why"), [
+    *(({"label": "target"}, shift, 1.0, "") for shift in ((9.0, 0.0), (-9.0, 9.0))),
+    *(({"label": "target"}, shift, 1.0, "another object is detected")
+      for shift in ((60.0, 0.0), (-60.0, 0.0), (0.0, 60.0), (0.0, -60.0))),
+    # A described target has the size of its corners: 8 % of the area; another one any.
+    *(({"target": BENT}, (0.0, 0.0), size, "") for size in (1.04, 0.96)),
+    *(({"target": BENT}, (0.0, 0.0), size, f"area in the image is {told} times the area")
+      for size, told in ((1.06, "1.12"), (0.94, "0.88"))),
+    ({"target": BENT, "calibration_offset": {"focal": 0.8}}, (0.0, 0.0), 1.0, ""),
+    ({"label": "target"}, (0.0, 0.0), 1.06, "")])  # fmt: skip
+def test_something_else_of_the_target_s_colour_is_told(keys, shift, size, why):
+    found = views(MOMENTS, **keys)
     if not why:
-        taught(found, shift=shift)
+        taught(found, shift=shift, size=size)
         return
     with pytest.raises(ExperimentError, match=why):
-        taught(found, shift=shift)
-
-
-def test_a_described_target_has_the_size_of_its_corners():
-    found = views(MOMENTS, target=BENT)
-    for size in (1.04, 0.96):  # 8 % of the area
-        taught(found, size=size)
-    for size, told in ((1.06, "1.12"), (0.94, "0.88")):
-        with pytest.raises(ExperimentError, match=f"area in the image is {told} times the area"):
-            taught(found, size=size)
-    # and so are its corners
-    seen_larger = views(MOMENTS, target=BENT, calibration_offset={"focal": 0.8})
-    taught(seen_larger)
-    other = views(MOMENTS, label="target")  # it is not described
-    taught(other, size=1.06)
+        taught(found, shift=shift, size=size)
 
 
 def test_runs_of_a_study_share_the_images_of_their_goals():
@@ -277,8 +257,7 @@ def test_runs_of_a_study_share_the_images_of_their_goals():
     study = Study.from_mapping({
         "experiment": {"plant": "bullet", "scheme": "points", "noise": 3.0, "target": FLAT,
                        "start": {"height": [0.15, 0.4]}},
-        "cases": [{}, {"gain": 2.0}, {"target.size": [0.06, 0.05]}],
-    })  # fmt: skip
+        "cases": [{}, {"gain": 2.0}, {"target.size": [0.06, 0.05]}]})  # fmt: skip
     sizes = []
     images = ByteLimitedCache(10**8, lambda frames: sizes.append(len(frames)) or 1)
     for run, count in enumerate((1, 1, 3)):  # the size of both is computed to add the second

@@ -1,7 +1,6 @@
 """Report in a real browser: zoom, scrubbing, hidden runs, two window widths."""
 
 import json
-import os
 from dataclasses import replace
 
 import pytest
@@ -18,33 +17,22 @@ READY = "!!window.arasReport"
 
 @pytest.fixture(scope="module")
 def runs():
-    """Two of unlike gains and lengths."""
     asked = Experiment(plant="chain", start="2016", duration=2.0, time_after_convergence=None)
-    quick, slow = (
-        run_with_images(asked, "quick"),
-        run_with_images(asked.with_changes(gain=2.0), "slow"),
-    )
-    return [quick, replace(slow, name=f"slow {HOSTILE}")]
+    slow = run_with_images(asked.with_changes(gain=2.0), "slow")
+    return [run_with_images(asked, "quick"), replace(slow, name=f"slow {HOSTILE}")]
 
 
 @pytest.fixture(scope="module")
 def opened(watched, runs, tmp_path_factory):
-    """A tab with the report of one run, of both, or of 9 or 45 of which some failed, in a window
-    so wide."""
+    """A tab with the report of 1, 2, 9 or 45 runs, of which some failed, in a window so wide."""
     lost = replace(runs[0], name="lost", outcome="target_lost", reason="over the left border",
                    remedy="begin nearer", notes=["the bag was cut off"],
                    verdict=replace(runs[0].verdict, name="goal_missed"))  # fmt: skip
     open_ = replace(runs[0], name="open", outcome="converged up to 0.6 mm", reason="noise")
-    shown = {1: runs[:1], 2: runs, 9: [*runs, lost, open_, *(replace(runs[0], name=f"run {i}")
-                                                            for i in range(5))]}  # fmt: skip
-    shown[45] = [*shown[9], *(replace(runs[i % 2], name=f"more {i}") for i in range(36))]
-    pages = {count: write_report(some, tmp_path_factory.mktemp("report"), ())[0]
-             for count, some in shown.items()}  # fmt: skip
-
-    def show(count, width):
-        return watched(pages[count].as_uri(), width, READY)
-
-    return show
+    all_ = [*runs, lost, open_, *(replace(runs[i % 2], name=f"more {i}") for i in range(41))]
+    pages = {count: write_report(all_[:count], tmp_path_factory.mktemp("report"), ())[0]
+             for count in (1, 2, 9, 45)}  # fmt: skip
+    return lambda count, width: watched(pages[count].as_uri(), width, READY)
 
 
 @pytest.fixture
@@ -136,15 +124,6 @@ def test_the_film_goes_on_image_by_image_by_button_key_and_slider(page, runs):
         .getImageData(0, 0, c.width, c.height).data; let n = 0;
         for (let i = 0; i < d.length; i += 4) if (d[i + 1] > d[i] + 60) n++; return n; })()"""
     assert page.js(ink) > 20
-    outline = """(() => { const f = arasReport.films[0], c = f.canvas, r = f.desiredOutline;
-        const n = r.length / 2;
-        const k = c.width / f.film.width, x = c.getContext("2d"); let found = 0;
-        for (let i = 0; i < n; i++) { const j = (i + 1) % n;  // the middle of each edge
-          const [u, v] = [0, 1].map((a) => (0.5 * (r[2 * i + a] + r[2 * j + a]) + 0.5) * k);
-          const d = x.getImageData(Math.round(u) - 1, Math.round(v) - 1, 3, 3).data;
-          for (let p = 0; p < 36; p += 4) if (d[p + 1] > d[p] + 60) { found++; break; } }
-        return found / n; })()"""
-    assert page.js(outline) > 0.6  # paths and points of features lie over the rest
     page.js("document.getElementById('overlay').click()")
     page.wait(f"{ink} === 0")
     page.wait("document.querySelectorAll('#strip button').length > 2")
@@ -203,14 +182,8 @@ def test_a_long_run_opens_at_its_settling_and_shows_the_whole_on_request(bag, wa
     tab.close()
 
 
-def test_a_long_run_opens_fast_and_draws_the_extremes_of_each_column(bag, browser):
-    tab = browser.open("about:blank")
-    tab.resize(SIZES[0])
-    tab.call("Performance.enable")
-    tab.call("Page.navigate", url=bag.as_uri())
-    tab.wait("!!window.arasReport && arasReport.charts.some((c) => c.plot)", 60.0)
-    used = {one["name"]: one["value"] for one in tab.call("Performance.getMetrics")["metrics"]}
-    assert used["ThreadTime"] < 1.5  # processor time, s: the test machine may be busy
+def test_a_long_run_draws_the_extremes_of_each_column(bag, watched):
+    tab = watched(bag.as_uri(), SIZES[0], READY)
     tab.js("document.getElementById('zoom-all').click()")
     chart = tab.js("arasReport.charts.findIndex("
                    "(c) => c.curves.some((k) => k.values.includes(50)))")  # fmt: skip
@@ -250,40 +223,9 @@ def test_of_many_runs_some_films_are_shown_and_the_tables_when_they_are_opened(o
     tab.close()
 
 
-def test_links_to_the_sections_are_on_a_narrow_screen(opened):
-    tab = opened(2, SIZES[1])
-    height, links = tab.js("""[document.querySelector("nav").getBoundingClientRect().height,
-        [...document.querySelectorAll("nav a")].map((a) => a.textContent)]""")
-    assert 24 <= height < 60 and {"Comparison", "Errors", "Numbers"} <= set(links)
-    tab.js("document.querySelector('nav a[href=\"#numbers\"]').click()")
-    tab.wait("scrollY > 500")
-    tab.close()
-
-
-INSIDE = """(() => { const { scene } = arasReport.space; scene.draw();
-    const m = scene.computeProjection();
-    const at = (i, p) => m[4*i] * p[0] + m[4*i+1] * p[1] + m[4*i+2] * p[2] + m[4*i+3];
-    const shapes = Object.entries(scene.shapes).filter(([name]) => !name.endsWith(" arm"));
-    const points = shapes.flatMap(([, { points: p }]) =>
-        Array.from({ length: p.length / 3 }, (_, k) => p.slice(3 * k, 3 * k + 3)));
-    return Math.max(...points.flatMap((p) => [0, 1].map((i) => Math.abs(at(i, p) / at(3, p)))));
-    })()"""
-
-
-@pytest.mark.parametrize("width", [390, 1920])
-def test_cameras_stay_inside_the_view_of_the_path(opened, width):
-    tab = opened(2, width)
-    for time in (0.0, 0.5, 2.0):
-        tab.js(f"arasReport.page.setTime({time})")
-        tab.js("new Promise(requestAnimationFrame)")
-        assert 0.3 < tab.js(INSIDE) < 1.0
-    tab.close()
-
-
 @pytest.mark.parametrize(
     ("count", "width", "theme"),
-    [(1, 390, "Light"), (2, 1440, "Dark"), (9, 390, "Dark"), (45, 1920, "Light")],
-)
+    [(1, 390, "Light"), (2, 1440, "Dark"), (9, 390, "Dark"), (45, 1920, "Light")])
 def test_nothing_hinders_readers_nor_sticks_out_nor_is_fetched(opened, count, width, theme):
     tab = opened(count, width)
     tab.js(f"document.getElementById('theme').textContent === '{theme}' "
@@ -291,9 +233,6 @@ def test_nothing_hinders_readers_nor_sticks_out_nor_is_fetched(opened, count, wi
     tab.wait(f"document.getElementById('theme').textContent !== '{theme}'")
     assert tab.js("document.documentElement.scrollWidth") == width
     assert tab.audit() == []
-    if keep := os.environ.get("ARAS_SCREENSHOTS"):
-        with open(f"{keep}/report_{count}_{width}_{theme}.png", "wb") as file:
-            file.write(tab.screenshot())
     assert tab.js("performance.getEntriesByType('resource').filter("
                   "(e) => !/^(data|blob):/.test(e.name)).map((e) => e.name)") == []  # fmt: skip
     tab.close()

@@ -15,12 +15,10 @@ from aras_visual_servo_base.poses import (
 )
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment.experiment import Experiment
-from aras_visual_servo_bench.runner.environment import ServoEnv
 from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble, check
 from aras_visual_servo_bench.studies.replay import run_with_all_images
 from aras_visual_servo_bench.web.report.report_data import make_contents
-from aras_visual_servo_controller.kinematics import Arm
 
 SHAPE = [[-0.025, -0.03], [0.03, -0.025], [0.025, 0.02], [-0.015, 0.025]]
 # fx and fy differ, and the principal points are off the middle.
@@ -42,7 +40,6 @@ def posed(pose):
 
 
 def two(left=None, right=None, **more):
-    """Settings of two unlike cameras in the hand."""
     return {"left": {"model": LEFT, **SEATS["left"], **(left or {})},
             "right": {"model": RIGHT, **SEATS["right"], **(right or {})}, **more}  # fmt: skip
 
@@ -52,18 +49,13 @@ def flying(**changes):
         "plant": "free", "features": "exact", "target": {"shape": SHAPE}, "goal": posed(GOAL),
         "start": posed(GOAL @ exponential((0.01, 0.005, -0.03, 0.02, 0.03, 0.2))),
         "duration": 8.0, "time_after_convergence": 0.0, "gain": 2.0, "scheme": BOTH,
-        "cameras": two(), **changes,
-    })  # fmt: skip
+        "cameras": two(), **changes})  # fmt: skip
 
 
 def armed(**changes):
     return flying(**{
         "plant": "chain", "goal": JOINTS, "start": START, "target": {}, "features": "auto",
-        **changes,
-    })  # fmt: skip
-
-
-# -- convergence -------------------------------------------------------------------------------
+        **changes})  # fmt: skip
 
 
 @pytest.mark.parametrize("scheme", ["points+points@right", "moments@left+area@right"])
@@ -84,19 +76,9 @@ def test_two_cameras_of_an_arm_reach_their_goal(plant, features):
     assert 0.04 < distance < 0.07 and 0.1 < angle < 0.25
 
 
-def test_both_cameras_tell_more_of_the_pose_than_one():
-    """Noise of 0.3 px in each: two see the camera's place more exactly."""
-
-    def scatter(scheme):
-        result = run(flying(scheme=scheme, jitter=0.3, duration=4.0, time_after_convergence=None))
-        return np.sqrt(np.mean(result.pose_error_history()[0][-200:] ** 2))
-
-    assert scatter(BOTH) < 0.6 * scatter("points@left")
-
-
-@pytest.mark.parametrize("right", [{"rate": 47.0}, {"rate": 7.0, "delay": 0.07}])
+@pytest.mark.parametrize("right", [{"rate": 47.0}, {"rate": 7.0, "delay": 0.07}, {"delay": 0.25}])
 def test_other_rates_and_delays_are_made_up_for(right):
-    experiment = flying(cameras=two(right=right), gain=4.0)
+    experiment = flying(cameras=two(right=right), gain=4.0 if "rate" in right else 1.0)
     result = run(experiment)
     assert result.outcome == "converged" and result.verdict.is_reached, result.reason
     assert "wrong_camera_model" not in result.outcomes
@@ -119,19 +101,14 @@ def test_a_control_camera_that_is_late_answers_later():
 
 
 def test_a_dictionary_of_one_camera_is_that_camera():
-    one = {"model": LEFT, "calibration_offset": {"focal": 1.1, "rpy": [0.0, 0.05, 0.1]}}
-    named = run(armed(cameras={"only": one}, scheme="points"))
-    plain = run(
-        armed(
-            cameras={}, camera=LEFT, calibration_offset=one["calibration_offset"], scheme="points"
-        )
-    )
+    off = {"focal": 1.1, "rpy": [0.0, 0.05, 0.1]}
+    named = run(armed(cameras={"only": {"model": LEFT, "calibration_offset": off}},
+                      scheme="points", duration=2.0))  # fmt: skip
+    plain = run(armed(cameras={}, camera=LEFT, calibration_offset=off, scheme="points",
+                      duration=2.0))  # fmt: skip
     assert list(named.cameras) == ["only"] and list(plain.cameras) == ["camera"]
     for name in ("stamp", "pose", "measured_positions", "joint_commands", "error"):
         np.testing.assert_array_equal(getattr(named, name), getattr(plain, name))
-
-
-# -- where the cameras are ---------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("plant", ["free", "chain", "bullet"])
@@ -155,16 +132,6 @@ def test_the_control_camera_is_the_first_that_the_scheme_reads():
     assert run(flying(scheme="partitioned@right")).verdict.is_reached
 
 
-def test_drawn_starts_are_in_view_of_both():
-    experiment = armed(start={"height": [0.15, 0.25], "side": 0.05, "turn": 1.0}, plant="free")
-    experiment = experiment.with_changes(features="exact")
-    for seed in range(3):
-        parts = assemble(experiment.with_changes(seed=seed))
-        seen = {reading.name for _ in range(8) for reading in parts.plant.advance(10**9)
-                if getattr(reading, "outline", None) is not None}  # fmt: skip
-        assert seen == {"left", "right"}
-
-
 PORTAL = Path(__file__).parents[3] / "docs" / "examples" / "portal.urdf"
 CARRIED = [[-0.05, -0.03], [0.05, -0.03], [0.03, 0.04], [-0.05, 0.01]]
 BESIDE = {"model": RIGHT, "pose": [0.15, 0.0, 1.0, 3.141592653589793, 0.15, 0.4]}
@@ -172,39 +139,24 @@ BESIDE = {"model": RIGHT, "pose": [0.15, 0.0, 1.0, 3.141592653589793, 0.15, 0.4]
 
 @pytest.fixture
 def portal():
-    """Two cameras that stand, and an arm that moves the target before them."""
     return Experiment.from_mapping({
         "plant": "chain", "target": {"shape": CARRIED}, "scheme": "points@above+points@beside",
         "robot": {"urdf": str(PORTAL), "target_frame": "hand"}, "goal": [0.02, -0.03, 0.1, 0.3],
         "start": [0.1, 0.05, -0.02, -0.4], "time_after_convergence": 0.0,
         "cameras": {"above": {"model": LEFT, "pose": [0, 0, 1.0, 3.141592653589793, 0, 0.4]},
-                    "beside": BESIDE},
-    })  # fmt: skip
+                    "beside": BESIDE}})  # fmt: skip
 
 
 @pytest.mark.parametrize(("scheme", "features", "interaction"), [
-    ("points@beside", "exact", "estimated"), ("points@above+points@beside", "images", "current"),
-])
+    ("points@beside", "exact", "estimated"), ("points@above+points@beside", "images", "current")])
 def test_cameras_that_stand_servo_the_arm_that_moves_their_target(
-    portal, scheme, features, interaction
-):
+    portal, scheme, features, interaction):
     result = run(portal.with_changes(
         scheme=scheme, features=features, controller_parameters={"interaction": interaction}))
     assert result.outcome == "converged" and result.verdict.is_reached, result.reason
     np.testing.assert_allclose(result.measured_positions[-1], [0.02, -0.03, 0.1, 0.3], atol=3e-4)
     assert set(result.outcomes) == {"running", "converged"}
 
-
-def test_a_camera_that_stands_is_where_it_says_in_the_world(portal):
-    parts = assemble(portal)
-    q = np.array([0.1, -0.2, 0.05, 0.4])
-    hand = Arm.from_urdf(PORTAL.read_text(), "hand").pose(q)
-    true = matrix_from_xyz_rpy(BESIDE["pose"][:3], BESIDE["pose"][3:])
-    found = parts.placements["beside"].compute_pose(parts.servo.arm.pose(q))
-    np.testing.assert_allclose(hand @ found, true, atol=1e-9)
-
-
-# -- a camera that only watches ----------------------------------------------------------------
 
 OVERVIEW = {"model": RIGHT, "rate": 10.0, "pose": [0.1, 0.0, 0.95, 3.14, 0.0, 0.0]}
 
@@ -224,16 +176,15 @@ def test_a_camera_that_watches_changes_nothing_and_is_recorded(plant):
     assert "overview" not in alone.cameras
 
 
-# -- what is believed --------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("name", "wrong"), [
-    ("left", {"focal": 0.8}), ("right", {"focal": 0.8}), ("left", {"xyz": [0.0, 0.05, 0.0]}),
-    ("right", {"rpy": [0.0, 0.15, 0.0]}),
-])
+    ("left", None), ("left", {"focal": 0.8}), ("left", {"xyz": [0.0, 0.05, 0.0]}),
+    ("right", {"rpy": [0.0, 0.15, 0.0]})])
 def test_the_camera_that_is_not_as_believed_is_named(name, wrong):
-    cameras = two(**{name: {"calibration_offset": wrong}})
+    cameras = two(**{name: {"calibration_offset": wrong or {}}})
     result = run(flying(start=posed(FAR), cameras=cameras, time_after_convergence=0.5))
+    if wrong is None:
+        assert set(result.outcomes) == {"running", "converged"}
+        return
     assert "wrong_camera_model" in result.outcomes
     assert result.verdict.is_reached  # a goal that was shown is
     assert "but camera " in result.reason
@@ -241,44 +192,37 @@ def test_the_camera_that_is_not_as_believed_is_named(name, wrong):
         assert f"but camera {name}: " in result.reason
 
 
-def test_the_judge_finds_nothing_in_cameras_as_believed():
-    assert set(run(flying(start=posed(FAR))).outcomes) == {"running", "converged"}
-
-
-# -- bad input ---------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"scheme": "points@rihgt"}, "reads the unknown camera 'rihgt': did you mean 'right'"),
-        ({"cameras": two(right={"rpy": [0.0, 0.0, -0.9]})},
-         "the target is in view of camera 'left', but not of camera 'right'; turn or move "
-         "camera 'right'"),
-        ({"goal": posed(GOAL @ exponential((0.5, 0.0, 0.0, 0.0, 0.0, 0.0)))},
-         "the target is not in view of camera 'left'"),
-        ({"cameras": two(right={"delay": 0.3})},
-         "images of cameras 'left' and 'right' are never available together, because those of "
-         "'right' arrive 0.3 s later"),
-        ({"cameras": two(left={"delay": 0.5, "rate": 20}, right={"delay": 0.2})},
-         "together, because those of 'left' arrive 0.3 s later, and only the last 8 images of "
-         r"'right' \(0.267 s\) are stored"),
-        ({"cameras": two(right={"rate": 0.12})},
-         "camera 'right' delivers its first image after 8.33 s, but the run lasts only 8 s"),
-        ({"cameras": two(right={"rpy": [0.0, 3.1, 0.0]})},
-         r"behind the camera.*\(camera 'right'\)"),
-        ({"camera": "wide"}, "camera, hand_eye and calibration_offset cannot be combined"),
-        ({"plant": "ideal"}, "plant 'ideal' has only one camera"),
-        ({"cameras": two(right={"model": "wdie"})}, "'wdie' is no preset: did you mean 'wide'"),
-        ({"cameras": two(right={"pose": [0.0] * 6})}, r"only one of pose \(in the world\), xyz"),
-        ({"cameras": {"a b": {}}, "scheme": "points"}, "cameras: 'a b' is no valid name"),
-        ({"cameras": {"wall": {"pose": [0, 0, 1, 3.14, 0, 0]}}, "scheme": "points"},
-         "camera 'wall' is fixed in the world, and the arm does not move its target"),
-        ({"cameras": two(wall={"pose": [0, 0, -0.5, 0, 0, 0]}), "scheme": f"{BOTH}+points@wall"},
-         "camera 'wall' is fixed, and the arm does not move the camera's target"),
-        ({"scheme": "kernel@left+points@right"}, "needs images: set features"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"scheme": "points@rihgt"}, "reads the unknown camera 'rihgt': did you mean 'right'"),
+    ({"cameras": two(right={"rpy": [0.0, 0.0, -0.9]})},
+     "the target is in view of camera 'left', but not of camera 'right'; turn or move "
+     "camera 'right'"),
+    ({"goal": posed(GOAL @ exponential((0.5, 0.0, 0.0, 0.0, 0.0, 0.0)))},
+     "the target is not in view of camera 'left'"),
+    ({"cameras": two(right={"delay": 0.3})},
+     "images of cameras 'left' and 'right' are never available together, because those of "
+     "'right' arrive 0.3 s later"),
+    ({"cameras": two(left={"delay": 0.5, "rate": 20}, right={"delay": 0.2})},
+     "together, because those of 'left' arrive 0.3 s later, and only the last 8 images of "
+     r"'right' \(0.267 s\) are stored"),
+    ({"cameras": two(right={"rate": 0.12})},
+     "camera 'right' delivers its first image after 8.33 s, but the run lasts only 8 s"),
+    ({"cameras": two(right={"rpy": [0.0, 3.1, 0.0]})}, r"behind the camera.*\(camera 'right'\)"),
+    ({"camera": "wide"}, "camera, hand_eye and calibration_offset cannot be combined"),
+    ({"plant": "ideal"}, "plant 'ideal' has only one camera"),
+    ({"cameras": two(right={"model": "wdie"})}, "'wdie' is no preset: did you mean 'wide'"),
+    ({"cameras": two(right={"pose": [0.0] * 6})}, r"only one of pose \(in the world\), xyz"),
+    ({"cameras": {"a b": {}}, "scheme": "points"}, "cameras: 'a b' is no valid name"),
+    ({"cameras": {"wall": {"pose": [0, 0, 1, 3.14, 0, 0]}}, "scheme": "points"},
+     "camera 'wall' is fixed in the world, and the arm does not move its target"),
+    ({"cameras": two(wall={"pose": [0, 0, -0.5, 0, 0, 0]}), "scheme": f"{BOTH}+points@wall"},
+     "camera 'wall' is fixed, and the arm does not move the camera's target"),
+    ({"scheme": "kernel@left+points@right"}, "needs images: set features"),
+    *(({"scheme": scheme}, "reads 2 cameras: name them, for example stereo_points@l")
+      for scheme in ("stereo_points", "stereo_points@left")),
+    ({"scheme": "stereo_pose@left,right",
+      "cameras": {"left": {"model": LEFT}, "right": {"model": RIGHT}}},
+     "cameras left and right are 0.0 mm apart, too close to measure depth")])  # fmt: skip
 def test_what_cannot_be_is_refused_before_the_first_run(changes, words):
     with pytest.raises(ExperimentError, match=words) as told:
         experiment = flying(**changes)
@@ -299,62 +243,14 @@ def test_a_report_has_the_film_of_every_camera():
     jpeg = np.frombuffer(base64.b64decode(overview["frames"][-1]), np.uint8)
     picture = cv2.imdecode(jpeg, cv2.IMREAD_GRAYSCALE)
     assert picture.shape == (256, 336) and picture.min() < 60 < 200 < picture.max()
-
-
-def test_a_run_keeps_what_its_watching_camera_saw_and_a_study_does_without():
-    experiment = armed(plant="bullet", duration=0.3, cameras=two(overview=OVERVIEW))
-    seen = run(experiment).cameras["overview"]
-    assert [stamp for stamp, _ in seen.film] == seen.stamp.tolist() and len(seen.film) > 2
     assert list(assemble(experiment, has_unread_cameras=False).cameras) == ["left", "right"]
-
-
-# -- stereo ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("scheme", "changes"), [
     ("stereo_points@left,right", {"cameras": two(left={"calibration_offset": {"depth": 1.6}})}),
-    ("stereo_pose@right,left", {"features": "images", "cameras": two(right={"delay": 0.03})}),
-])
+    ("stereo_pose@right,left", {"features": "images", "cameras": two(right={"delay": 0.03})})])
 def test_two_cameras_tell_the_depth(scheme, changes):
     result = run(flying(scheme=scheme, **changes))
     assert result.outcome.startswith("converged") and result.verdict.is_reached, result.reason
     assert "wrong_camera_model" not in result.outcomes
     assert result.compute_settling_time() < 2.0
-
-
-def test_stereo_follows_a_target_that_was_carried_away():
-    """Nothing of it rests on where the target was when the goal was shown."""
-    moved = {"shape": SHAPE, "motion": {"step": [0.01, 0.0, 0.04], "begin": 0.01}}
-    result = run(flying(scheme="stereo_points@left,right", target=moved, duration=6.0))
-    assert result.verdict.distance < 5e-4, (result.outcome, result.verdict)
-
-
-@pytest.mark.parametrize(
-    ("scheme", "cameras", "words"),
-    [
-        ("stereo_points", two(), r"reads 2 cameras: name them, for example stereo_points@l"),
-        ("stereo_points@left", two(), "reads 2 cameras: name them"),
-        ("stereo_pose@left,right", {"left": {"model": LEFT}, "right": {"model": RIGHT}},
-         "cameras left and right are 0.0 mm apart, too close to measure depth"),
-    ],
-)  # fmt: skip
-def test_stereo_wants_two_cameras_apart(scheme, cameras, words):
-    with pytest.raises(ExperimentError, match=words):
-        assemble(flying(scheme=scheme, cameras=cameras))
-
-
-def test_an_environment_s_agent_moves_the_control_camera_before_two():
-    env = ServoEnv(flying())
-    seen, _ = env.reset(seed=1)
-    assert seen.shape == (16 + 6,)  # four corners in each camera, and the coordinates
-    action = np.array([0.2, 0.0, 0.0, 0.0, 0.0, 0.0])
-    for _ in range(5):
-        moved, *_, info = env.step(action)
-    env.close()
-    assert not np.allclose(moved[:8], seen[:8]) and not np.allclose(moved[8:16], seen[8:16])
-    assert info["outcome"] == "running"
-
-
-def test_pictures_that_come_just_in_time_are_seen_together():
-    result = run(flying(cameras=two(right={"delay": 0.25}), gain=0.8, duration=12.0))
-    assert result.verdict.distance < 5e-4

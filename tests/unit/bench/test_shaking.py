@@ -1,7 +1,6 @@
 """Vibrating cameras on every plant: images, true poses, and notes."""
 
 import contextlib
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,8 +24,7 @@ def experiment(plant, shake=SHAKE, **keys):
     keys = {"features": "exact", "scheme": "moments", "camera": eye, "target": TARGET, **keys}
     return Experiment(plant=plant, **{
         "goal": {"pose": [0.0, 0.0, 0.85, *DOWN]},
-        "start": {"pose": [0.01, 0.02, 0.88, 3.14159265, 0.0, 0.2]}, **keys,
-    })  # fmt: skip
+        "start": {"pose": [0.01, 0.02, 0.88, 3.14159265, 0.0, 0.2]}, **keys})  # fmt: skip
 
 
 @pytest.mark.parametrize("plant", ["free", "chain", "bullet", "ideal"])
@@ -95,33 +93,17 @@ def test_a_data_sets_poses_are_true():
         np.testing.assert_allclose(reading.points, exact, atol=1e-6)
 
 
-def test_rendered_cameras_are_where_their_pictures_are_taken_from():
-    eyes = {"left": {"model": {**CAMERA, "shake": SHAKE}}, "still": {"model": CAMERA},
-            "right": {"model": {**CAMERA, "shake": SHAKE}, "xyz": [0.0, -0.03, 0.0]}}
-    plant = assemble(experiment("bullet", camera="original", cameras=eyes, scheme="points@left",
-                                features="images")).plant  # fmt: skip
-    with contextlib.closing(plant):
-        assert set(plant.vibrations) == {"left", "right"}
-        for name, vibration in plant.vibrations.items():
-            assert vibration is plant.simulation.camera(f"/{name}").sensor.vibration
-        pose = plant.read_rest_pose() @ plant.vibrations["left"].compute_pose(plant.time_ns)
-        np.testing.assert_array_equal(plant.read_pose(), pose)
-
-
 @pytest.mark.parametrize("plant", ["free", "chain", "bullet"])
 def test_each_camera_shakes_by_itself(plant):
-    eyes = {
-        "left": {"model": {**CAMERA, "shake": SHAKE}},
-        "right": {"model": {**CAMERA, "shake": SHAKE}, "xyz": [0.0, -0.03, 0.0]},
-        "watcher": {"model": CAMERA, "pose": [0.1, 0.1, 1.0, *DOWN]},
-    }
+    shaken = {**CAMERA, "shake": SHAKE}
+    eyes = {"left": {"model": shaken}, "right": {"model": shaken, "xyz": [0.0, -0.03, 0.0]},
+            "watcher": {"model": CAMERA, "pose": [0.1, 0.1, 1.0, *DOWN]}}  # fmt: skip
     asked = experiment(plant, camera="original", cameras=eyes, scheme="points@left+points@right",
                        duration=0.2, time_after_convergence=None)
     seen = []
     parts = assemble(asked)
-    loop = Loop(
-        asked, parts, on_frame=lambda of, one: seen.append((one, of.plant.read_rest_pose()))
-    )
+    loop = Loop(asked, parts,
+                on_frame=lambda of, one: seen.append((one, of.plant.read_rest_pose())))
     loop.run_to_end()
     plant = loop.plant
     assert set(plant.vibrations) == {"left", "right"}
@@ -131,21 +113,11 @@ def test_each_camera_shakes_by_itself(plant):
     for name, (reading, at_rest) in last.items():
         place = parts.placements.get(name)
         pose = plant.apply_vibration(
-            at_rest if place is None else place.compute_pose(at_rest), reading.stamp_ns, name
-        )
+            at_rest if place is None else place.compute_pose(at_rest), reading.stamp_ns, name)
         points = parts.target.shape.points(parts.target.target_T_camera(pose, reading.stamp))
         exact = np.column_stack(parts.cameras[name].true_camera.project(*points.T))
         assert np.abs(reading.points - exact).max() < 0.06  # the arm moves on within its step
         if place is not None:
             np.testing.assert_allclose(records[name].pose[-1], pose, atol=1e-12)
-    one, two = (
-        plant.vibrations[name].compute_pose(last[name][0].stamp_ns) for name in ("left", "right")
-    )
+    one, two = (plant.vibrations[name].compute_pose(10**8) for name in ("left", "right"))
     assert np.abs(one - two).max() > 1e-5
-
-
-def test_the_file_of_the_test_on_the_graph_shakes_so():
-    path = Path(__file__).parents[2] / "integration" / "shaking.yaml"
-    parts = assemble(experiment("chain", camera=str(path)))
-    shake = parts.plant.vibrations["camera"].shake
-    assert (list(shake.xyz), list(shake.rpy)) == (SHAKE["xyz"], SHAKE["rpy"])

@@ -23,7 +23,6 @@ from aras_visual_servo_bench.experiment.worlds import (
     read_world,
     with_target_link,
 )
-from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble, check
 from aras_visual_servo_bench.setup.posture_search import PostureSearch
 from aras_visual_servo_bench.targets.solids import read_solid_target
@@ -51,9 +50,6 @@ def world(tmp_path):
     return str(tmp_path / "a.world")
 
 
-# -- worlds --------------------------------------------------------------------------------------
-
-
 def test_without_a_world_the_sun_is_as_it_is_asked_for():
     sun = SunSpec(direction=(0.1, 0.2, -1.0), diffuse=0.3, shines=((0.0005, 0.4), (1.0, 2.0)))
     found = read_surroundings(Experiment(sun=sun), PACKAGES)
@@ -68,11 +64,8 @@ def test_without_a_world_the_sun_is_as_it_is_asked_for():
 
 
 def test_a_world_is_read_by_its_name_or_path(world, monkeypatch, tmp_path):
-    shipped = PACKAGES.find("aras_visual_servo_gazebo")
-    assert (
-        find_world_path(Experiment(world="workbench"), PACKAGES)
-        == f"{shipped}/world/workbench.world"
-    )
+    shipped = f"{PACKAGES.find('aras_visual_servo_gazebo')}/world/workbench.world"
+    assert find_world_path(Experiment(world="workbench"), PACKAGES) == shipped
     assert find_world_path(Experiment(), PACKAGES) == "" and read_world("", PACKAGES) == WorldFile()
     monkeypatch.chdir(tmp_path)
     for given in ("a.world", "./a.world", world):
@@ -82,6 +75,8 @@ def test_a_world_is_read_by_its_name_or_path(world, monkeypatch, tmp_path):
     (tmp_path / "b").write_text("<no")
     with pytest.raises(ExperimentError, match="b"):
         read_world(str(tmp_path / "b"), PACKAGES)
+    with pytest.raises(ExperimentError, match="did you mean 'workbench.world'"):
+        find_world_path(Experiment(world="workbemch"), PACKAGES)
 
 
 def test_a_link_of_a_world_is_a_solid_at_its_place(world):
@@ -133,45 +128,33 @@ def test_a_link_of_the_robot_s_that_stands_is_one_too(tmp_path):
         asked("post")
 
 
-# -- postures ------------------------------------------------------------------------------------
-
-
 class Told(PostureSearch):
-    """Postures that hide and touch what a test says."""
-
-    part, what = 0.37, "link 'a' of the arm is in 'b'"
-
     def compute_occlusion(self, joints, time=0.0):
-        return self.part
+        return 0.37
 
     def find_collision(self, joints):
-        return self.what
+        return "link 'a' of the arm is in 'b'"
 
 
-def of(kind=PostureSearch, **more):
+def told(is_visible):
     spec = TargetSpec("square", (0.1, 0.05), (0.0, 0.0, 0.6, 0.0, 0.0, 0.0))
-    given = {"is_visible": True, "near": 0.02, **more}
-    return kind("urdf", ("search",), "eye", "", spec, **given)
+    return Told("urdf", ("search",), "eye", "", spec, is_visible=is_visible, near=0.02)
 
 
 def test_what_speaks_against_a_posture_is_said_and_weighed():
     joints = (0.1, 0.2)
-    assert (
-        of(Told).compute_cost(joints) == 2.37
-        and of(Told, is_visible=False).compute_cost(joints) == 2.0
-    )
-    assert of(Told).list_faults(joints, "goal", True) == [
+    assert told(True).compute_cost(joints) == 2.37 and told(False).compute_cost(joints) == 2.0
+    assert told(True).list_faults(joints, "goal", True) == [
         "the arm is in collision at the goal (link 'a' of the arm is in 'b'); give other joints",
         "the arm hides 37 % of the target at the goal; give other joints"]
-    assert of(Told).list_faults(joints, "start", False) == [
+    (fault,) = told(False).list_faults(joints, "start", False)
+    assert fault == (
         "the arm is in collision at the start (link 'a' of the arm is in 'b'), and no posture "
-        "without a collision was found; give another pose",
+        "without a collision was found; give another pose")
+    assert told(True).list_faults(joints, "start", False)[1] == (
         "the arm hides 37 % of the target at the start, and no posture that hides less was found; "
-        "give another pose"]
-    assert len(of(Told, is_visible=False).list_faults(joints, "goal", True)) == 1
+        "give another pose")
 
-
-# -- an experiment's parts -----------------------------------------------------------------------
 
 EYE = {"width": 320, "height": 240, "horizontal_fov": 1.2}
 BASE = {"plant": "free", "features": "exact", "scheme": "points", "camera": EYE,
@@ -186,22 +169,19 @@ def parts(**keys):
     return assemble(Experiment.from_mapping({**BASE, **keys}), **wrap)
 
 
-TWO = {"camera": "original", "cameras": {
-    "left": {"model": EYE}, "right": {"model": EYE, "xyz": [0.0, -0.02, 0.0], "delay": 0.03,
-                                      "calibration_offset": {"depth": 2.0}},
-                                      "other": {"model": EYE}},
-    "scheme": "points@left+points@right"}  # fmt: skip
+TWO = {"camera": "original", "scheme": "points@left+points@right", "cameras": {
+    "left": {"model": EYE}, "other": {"model": EYE},
+    "right": {"model": EYE, "xyz": [0.0, -0.02, 0.0], "delay": 0.03,
+              "calibration_offset": {"depth": 2.0}}}}  # fmt: skip
 
 
 def test_the_cameras_that_watch_are_there_where_they_are_wanted():
-    assert list(parts(**TWO).cameras) == ["left", "right", "other"]
+    assert list(parts(**TWO).cameras) == ["left", "other", "right"]
     found = parts(**TWO, has_unread_cameras=False)
     assert list(found.cameras) == ["left", "right"] == list(found.rig.observers)
-    assert (
-        list(found.placements) == ["right"]
-        and found.calibrated_camera is found.cameras["left"].calibrated_camera
-    )
-    assert found.needs == found.rig.control.needs and found.postures is None
+    assert list(found.placements) == ["right"] and found.postures is None
+    assert found.calibrated_camera is found.cameras["left"].calibrated_camera
+    assert found.needs == found.rig.control.needs
     assert parts(has_depth=True).plant.imaging.has_depth and not parts().plant.imaging.has_depth
     wrapped = []
     found = parts(wrap_scheme=lambda scheme: wrapped.append(scheme) or scheme)
@@ -227,21 +207,16 @@ def test_each_camera_s_depth_is_as_it_is_believed():
 
 def test_a_flying_camera_begins_at_its_start_about_the_goal():
     found = parts()
-    np.testing.assert_allclose(
-        found.plant.read_rest_pose(),
-        matrix_from_xyz_rpy((0.03, 0, 0.9), (np.pi, 0, 0.2)),
-        atol=1e-9,
-    )
+    start = matrix_from_xyz_rpy((0.03, 0, 0.9), (np.pi, 0, 0.2))
+    np.testing.assert_allclose(found.plant.read_rest_pose(), start, atol=1e-9)
     np.testing.assert_allclose(found.servo.arm.pose(np.zeros(6)), ABOVE, atol=1e-12)
     robot = Robot(RobotSpec()).make_arm()
     q = np.array([0.05, 0.0, -0.09, 0.045, 0.045, 0.1])
-    np.testing.assert_allclose(
-        parts(start=q.tolist()).plant.read_rest_pose(), robot.pose(q), atol=1e-9
-    )
     shown = parts(goal=q.tolist(), target={}, start=q.tolist())
+    np.testing.assert_allclose(shown.plant.read_rest_pose(), robot.pose(q), atol=1e-9)
     np.testing.assert_allclose(shown.goal_pose, robot.pose(q), atol=1e-12)
     named = parts(goal="2016", scheme="moments", target={}, start="2016")
-    assert named.goal.name.endswith("2016") or "2016" in named.goal.name
+    assert "2016" in named.goal.name
     assert named.goal.joints == {} and named.goal.moments is not None
     assert named.goal.target is not None  # it was worked out, and not shown
     solid = {"shape": "box", "size": [0.05, 0.04, 0.03], "pose": [0.01, 0.0, 0.605, 0, 0, 0.3]}
@@ -249,45 +224,19 @@ def test_a_flying_camera_begins_at_its_start_about_the_goal():
     assert shown.goal.target is None and shown.goal.moments.m00 != named.goal.moments.m00
 
 
-def test_an_arm_is_shown_its_goal_where_it_can_be():
+def test_another_camera_s_goal_is_where_the_camera_is_believed_and_in_its_view():
     q = [0.05, 0.0, -0.09, 0.045, 0.045, 0.1]
-    chain = {"plant": "chain", "target": {}, "start": q}
-    found = parts(**chain, goal=q)
-    arm = Robot(RobotSpec()).make_arm()
-    assert found.goal.get_joints(arm.names) == pytest.approx(q)
-    np.testing.assert_allclose(found.goal_pose, arm.pose(np.array(q)), atol=1e-12)
-    assert found.postures is not None and found.notes == ()
-    far = {"pose": [0.01, 0.02, 9.0, np.pi, 0.0, 0.0]}  # beyond its reach, which is an outcome
-    found = parts(**chain, goal=far)
-    assert found.notes == () and found.goal.joints == {}
-    near = parts(**{**chain, "camera": {**EYE, "near": 0.05}}, goal=q).postures
-    assert (near.frame, near.near, near.carrier) == ("camera_optical_frame", 0.05, "")
-
-
-def test_another_camera_of_an_arm_is_where_it_is_believed():
-    q = [0.05, 0.0, -0.09, 0.045, 0.045, 0.1]
-    eyes = {
-        "left": {"model": EYE},
-        "right": {
-            "model": EYE,
-            "xyz": [0.0, -0.02, 0.0],
-            "calibration_offset": {"xyz": [0.002, 0.0, 0.001], "rpy": [0.01, 0.02, 0.03]},
-        },
-    }
+    off = {"xyz": [0.002, 0.0, 0.001], "rpy": [0.01, 0.02, 0.03]}
+    eyes = {"left": {"model": EYE},
+            "right": {"model": EYE, "xyz": [0.0, -0.02, 0.0], "calibration_offset": off}}
     asked = {**TWO, "plant": "chain", "target": {}, "goal": q, "start": q, "cameras": eyes}
     found = parts(**asked)
     robot = Robot(RobotSpec(), cameras=Experiment.from_mapping({**BASE, **asked}).cameras)
-    wrong = robot.make_camera_kinematics("right", robot.make_arm("left"), is_calibrated=True).pose(
-        np.array(q)
-    )
-    np.testing.assert_allclose(found.goal.other_cameras["right"].world_T_camera, wrong, atol=1e-9)
-    assert np.abs(wrong - robot.make_arm("right").pose(np.array(q))).max() > 1e-3
-
-
-def test_a_goal_that_is_worked_out_is_in_view_of_all_that_read_it():
-    named = {"goal": "2016", "target": {}, "scheme": "moments@left+area@right", "start": "2016"}
-    eyes = {"left": {"model": EYE}, "right": {"model": EYE, "xyz": [0.0, -0.02, 0.0]}}
-    asked = {**TWO, **named, "plant": "chain", "cameras": eyes}
+    wrong = robot.make_camera_kinematics("right", robot.make_arm("left"), is_calibrated=True)
+    goal = found.goal.other_cameras["right"].world_T_camera
+    np.testing.assert_allclose(goal, wrong.pose(np.array(q)), atol=1e-9)
+    assert np.abs(goal - robot.make_arm("right").pose(np.array(q))).max() > 1e-3
+    asked |= {"goal": "2016", "start": "2016", "scheme": "moments@left+area@right"}
     assert parts(**asked).goal.other_cameras["right"].moments is not None
     eyes["right"]["rpy"] = [0.0, 0.0, 1.0]
     with pytest.raises(ExperimentError, match="but not of camera 'right'"):
@@ -295,8 +244,6 @@ def test_a_goal_that_is_worked_out_is_in_view_of_all_that_read_it():
 
 
 class Joints(JointController):
-    """Asks for no twist."""
-
     names, tolerances = ("x",), (1.0,)
 
     def process_image(self, observation, goal, t): ...
@@ -314,8 +261,7 @@ class Joints(JointController):
     ({"goal": [0.0] * 5, "target": {}}, "goal is .0.0, 0.0"),
     ({"goal": [9.0, 0, 0, 0, 0, 0], "target": {}}, "goal puts joint gantry at 9.0000"),
     ({"start": [9.0, 0, 0, 0, 0, 0]}, "start puts joint gantry at 9.0000"),
-    ({"goal": {"pose": [0.0, 0.0, 0.85, 0.0, 0.0, 0.0]}}, "goal: the target is behind the camera"),
-])  # fmt: skip
+    ({"goal": {"pose": [0.0, 0.0, 0.85, 0.0, 0.0, 0.0]}}, "goal: the target is behind the camera")])
 def test_what_cannot_be_is_said_before_a_world_is_made(keys, why):
     experiment = Experiment.from_mapping({**BASE, **keys})
     for found in (check, assemble):
@@ -326,8 +272,7 @@ def test_what_cannot_be_is_said_before_a_world_is_made(keys, why):
 def test_the_ideal_camera_s_plane_counts_as_measured():
     found = parts(plant="ideal")
     joints = found.servo.arm.read_joints(
-        found.plant.joint_names, np.array([0.02, 0, 0.01, 0.1, 0, 0.3])
-    )
+        found.plant.joint_names, np.array([0.02, 0, 0.01, 0.1, 0, 0.3]))
     pixels = np.array([[150.0, 90.0], [210.0, 95.0], [205.0, 140.0]])
     reading = Frame(40_000_000, outline=pixels, points=pixels, camera=found.plant.camera)
     plane = found.observe(reading, joints).plane
@@ -337,13 +282,15 @@ def test_the_ideal_camera_s_plane_counts_as_measured():
     assert np.dot(plane, here) == pytest.approx(1.0)
 
 
-ROOT = Path(__file__).resolve().parents[3]
-GAZEBO = ROOT / "src" / "aras_visual_servo_gazebo"
+GAZEBO = Path(__file__).resolve().parents[3] / "src" / "aras_visual_servo_gazebo"
 SMALL = {"width": 160, "height": 120, "horizontal_fov": 1.2}
 STILL = {"friction": False, "duration": 0.2, "camera": SMALL}
 
 
 def test_the_workbench_is_seen_all_around_the_target():
+    world = world_file.load_world(str(GAZEBO / "world" / "workbench.world"), lambda _: str(GAZEBO))
+    assert world.warnings == ()
+    assert (len(world.lights), world.scene.shadows, world.scene.sky) == (3, "hard", True)
     table, *_ = seen(on_the_arm("l_shape", **STILL))
     bench, *_ = seen(on_the_arm("l_shape", world="workbench", **STILL))
     # The table is one grey; the bench has grain nearly everywhere.
@@ -351,37 +298,3 @@ def test_the_workbench_is_seen_all_around_the_target():
             for one in (table, bench)]
     assert flat[0] > 0.8 and flat[1] < 0.3
     assert len(np.unique(bench)) > 60
-
-
-def test_a_world_that_is_not_there_is_named():
-    with pytest.raises(ExperimentError, match="did you mean 'workbench.world'"):
-        assemble(on_the_arm("l_shape", world="workbemch", **STILL))
-
-
-def test_grey_levels_lead_the_arm_home_on_the_workbench():
-    poster = {"shape": "poster", "size": [0.12, 0.12], "pose": [0.05, 0.02, 0.5915, 0, 0, 0.3]}
-    result = run(
-        Experiment.from_mapping(
-            {
-                "world": "workbench",
-                "scheme": "luminance",
-                "target": poster,
-                "time_after_convergence": 0.0,
-                # with it the arm stands where rounding lets it, up to 0.7 mm off
-                "friction": False,
-                "camera": {**SMALL, "width": 80, "height": 60},
-                "goal": [0.05, 0.0, -0.09, 0.045, 0.045, 0.0],
-                "start": [0.055, 0.0, -0.085, 0.045, 0.045, 0.04],
-            }
-        )
-    )
-    # 80 by 60 pixels: where it ends is a matter of rounding, within what is left open.
-    left = result.states[-1].arrival_status.pose_uncertainty.distance
-    assert result.converged and result.verdict.distance < min(left, 1.5e-3)
-
-
-def test_the_workbench_has_nothing_to_warn_of(caplog):
-    world = world_file.load_world(str(GAZEBO / "world" / "workbench.world"),
-                            lambda _: str(GAZEBO))
-    assert world.warnings == () and not caplog.records
-    assert (len(world.lights), world.scene.shadows, world.scene.sky) == (3, "hard", True)

@@ -1,10 +1,7 @@
-"""Every documented key changes the run on every plant, or is refused in one line.
+"""Every documented key changes the run on every plant, or is refused in one line where it has no
+physical meaning. A new key fails here until it is in a table."""
 
-The tables say where each key must act; on the other plants, or with the other kind of features, it
-has no physical meaning and must be refused. Keys are taken from the declarations, so that a new one
-fails here until it is in a table.
-"""
-
+import contextlib
 import functools
 import hashlib
 import json
@@ -44,8 +41,7 @@ BASE = {
     "features": "exact", "scheme": "points", "gain": 2.0, "duration": 0.22,
     "camera": {"width": 96, "height": 72, "horizontal_fov": 1.3, "update_rate": 30.0},
     "target": {"shape": "l_shape", "size": [0.08, 0.06], "pose": [0.0, 0.0, 0.591, 0.0, 0.0, 0.3]},
-    "goal": {"pose": GOAL}, "start": {"pose": START},
-}  # fmt: skip
+    "goal": {"pose": GOAL}, "start": {"pose": START}}  # fmt: skip
 FISHEYE = {"camera": {"lens": "equidistant"}}
 
 
@@ -75,7 +71,6 @@ COVER = [[-0.05, -0.05], [-0.02, 0.05]]
 NOT_IDEAL = LOOPS
 SENSOR = {"gain": 0.05, "full_well": 5e3, "read_noise": 20.0}
 KEYS = {
-    # -- the camera ----------------------------------------------------------------------------
     "camera.width": Key(112),
     "camera.height": Key(84),
     "camera.horizontal_fov": Key(1.5),
@@ -98,13 +93,11 @@ KEYS = {
     "camera.link": Key("wrist", plants=()),
     "camera.trigger_topic": Key("go", plants=()),
     "camera.effects": Key({"drop_probability": 0.5}),
-    # -- its effects ---------------------------------------------------------------------------
-    "camera.effects.noise_mean": Key(-20.0, **LIGHT),
-    "camera.effects.noise_stddev": Key(8.0, **LIGHT),
-    "camera.effects.shot_noise": Key(2.0, **LIGHT),
-    "camera.effects.exposure": Key(0.8, **LIGHT),
-    "camera.effects.gain": Key(0.8, **LIGHT),
-    "camera.effects.vignetting": Key(0.2, **LIGHT),
+    **{
+        f"camera.effects.{name}": Key(value, **LIGHT)
+        for name, value in {
+            "noise_mean": -20.0, "noise_stddev": 8.0, "shot_noise": 2.0, "exposure": 0.8,
+            "gain": 0.8, "vignetting": 0.2}.items()},
     "camera.effects.exposure_time": Key(0.02, plants=NOT_IDEAL, **LIGHT),
     "camera.effects.exposure_samples": Key(2, effects(exposure_time=0.03), NOT_IDEAL, IMAGES),
     "camera.effects.drop_probability": Key(0.5),
@@ -113,46 +106,35 @@ KEYS = {
     "camera.effects.further": Key({"defocus": {"stddev": 2.0}}, **LIGHT),
     **{
         f"camera.effects.further.{name}.{one.name}": Key(
-            3.0, effects(further={name: {one.name: 1.5}}), PLANTS, IMAGES
-        )
+            3.0, effects(further={name: {one.name: 1.5}}), PLANTS, IMAGES)
         for name in EFFECTS
-        for one in EFFECTS.list_parameters(name)
-    },
+        for one in EFFECTS.list_parameters(name)},
     "camera.effects.row_time": Key(3e-4, plants=NOT_IDEAL),
     "camera.effects.rows_together": Key(24, effects(row_time=3e-4), NOT_IDEAL),
     **{
         f"camera.effects.sensor.{name}": Key(
-            value, effects(sensor=SENSOR, exposure_time=0.01), NOT_IDEAL, IMAGES
-        )
+            value, effects(sensor=SENSOR, exposure_time=0.01), NOT_IDEAL, IMAGES)
         for name, value in {
-            "gain": 0.04, "full_well": 4e3, "read_noise": 5.0, "dark_current": 5e4}.items()
-    },
+            "gain": 0.04, "full_well": 4e3, "read_noise": 5.0, "dark_current": 5e4}.items()},
     **{
         f"camera.effects.auto_exposure.{name}": Key(
-            value, effects(exposure=0.8, auto_exposure={"target": target, "speed": 0.2}), **LIGHT
-        )
+            value, effects(exposure=0.8, auto_exposure={"target": target, "speed": 0.2}), **LIGHT)
         for name, value, target in (("target", 140.0, 120.0), ("speed", 0.4, 120.0),
-                                    ("least", 0.95, 60.0), ("most", 1.005, 250.0))
-    },
+                                    ("least", 0.95, 60.0), ("most", 1.005, 250.0))},
     **{
         f"camera.shake.{name}": Key(
-            value, {"camera": {"shake": {"frequency": 7.0, "xyz": [0.002, 0.0, 0.0]}}}
-        )
+            value, {"camera": {"shake": {"frequency": 7.0, "xyz": [0.002, 0.0, 0.0]}}})
         for name, value in {"frequency": 9.0, "xyz": [0.0, 0.002, 0.0], "rpy": [0.01, 0.0, 0.0],
-                            "bandwidth": 4.0}.items()
-    },
-    # -- what is believed of it ----------------------------------------------------------------
+                            "bandwidth": 4.0}.items()},
     "calibration_offset.focal": Key(1.1),
     "calibration_offset.centre": Key([2.0, 1.0]),
     "calibration_offset.distortion": Key([-0.1, 0.0, 0.0, 0.0, 0.0]),
     "calibration_offset.xyz": Key([0.01, 0.0, 0.0]),
     "calibration_offset.rpy": Key([0.0, 0.0, 0.1]),
     "calibration_offset.depth": Key(1.2),
-    # -- the target ----------------------------------------------------------------------------
     "target.shape": Key([[0.0, 0.0], [0.05, 0.0], [0.04, 0.03], [0.0, 0.05]]),
     "target.marker": Key(
-        "3", {"target": {"shape": "marker", "marker": "5"}, "duration": 0.06}, **LIGHT
-    ),
+        "3", {"target": {"shape": "marker", "marker": "5"}, "duration": 0.06}, **LIGHT),
     "target.size": Key([0.07, 0.07]),
     "target.pose": Key([0.01, 0.0, 0.591, 0.0, 0.0, 0.3]),
     "target.occluder": Key(COVER, **LIGHT),
@@ -165,9 +147,7 @@ KEYS = {
             "velocity": [0, 0.02, 0, 0, 0, 0], "amplitude": [0, 0.005, 0], "frequency": 3.0,
             "circle": 0.004, "step": [0, 0.002, 0], "hold": 0.05, "begin": 0.05,
             "path": [[0.1, 0.005, 0.0, 0.0]],
-        }.items()
-    },
-    # -- the experiment ------------------------------------------------------------------------
+        }.items()},
     "lag": Key(0.1, plants=("chain", "free")),
     "delay": Key(0.06, plants=LOOPS),
     "friction": Key(False, plants=("bullet",)),
@@ -185,7 +165,6 @@ KEYS = {
     "reached": Key([1.0, 1.0]),
     "seed": Key(5, {"camera": {"effects": {"drop_probability": 0.5}}}),
     "controller_parameters": Key({"interaction": "desired"}),
-    # -- parameters of the controller ----------------------------------------------------------
     "controller_parameters.interaction": Key("desired"),
     "controller_parameters.smoothing": Key(0.1),
     "controller_parameters.continuous_start": Key(1.0),
@@ -201,74 +180,45 @@ KEYS = {
     # Tests of the controller show the effects of these.
     "controller_parameters.hold": Key(0.1, tried=()),
     **{
-        f"controller_parameters.{name}": Key(value, plants=LOOPS, tried=())
-        for name, value in {
-            "approach_speed": 0.1,
-            "lag": 0.01,
-            "lead": 0.001,
-            "output": "effort",
-            "posture": {"J1": 0.1},
-            "posture_gain": 3.0,
-            "start": [0.0] * 6,
-        }.items()
-    },
-    **{
-        f"controller_parameters.{name}": Key(value, plants=ARMS, tried=())
-        for name, value in {
-            "damping": 5.0,
-            "elbow": 1.0,
-            "joints": ["J1"],
-            "singularity_avoidance": True,
-            "stiffness": 5.0,
-        }.items()
-    },
-    **{
-        f"controller_parameters.{name}": Key(value, features=IMAGES, tried=())
-        for name, value in {
-            "depth_image": True,
-            "marker": "5",
-            "model": "mesh.stl",
-            "model_scale": 2.0,
-            "model_start": {"pose": [0.0] * 6},
-            "segmentation": {"method": "otsu"},
-            "tracker": "marker",
-            "tracker_options": {"minimum": 3},
-        }.items()
-    },
+        f"controller_parameters.{name}": Key(value, tried=(), **where)
+        for where, values in (
+            ({"plants": LOOPS}, {
+                "approach_speed": 0.1, "lag": 0.01, "lead": 0.001, "output": "effort",
+                "posture": {"J1": 0.1}, "posture_gain": 3.0, "start": [0.0] * 6}),
+            ({"plants": ARMS}, {
+                "damping": 5.0, "elbow": 1.0, "joints": ["J1"], "singularity_avoidance": True,
+                "stiffness": 5.0}),
+            ({"features": IMAGES}, {
+                "depth_image": True, "marker": "5", "model": "mesh.stl", "model_scale": 2.0,
+                "model_start": {"pose": [0.0] * 6}, "segmentation": {"method": "otsu"},
+                "tracker": "marker", "tracker_options": {"minimum": 3}}))
+        for name, value in values.items()},
     "features": Key("images", features=EXACT),
     "sun": Key({"diffuse": 0.2}, plants=("bullet",), **LIGHT),
     "sun.diffuse": Key(0.2, plants=("bullet",), **LIGHT),
     "sun.direction": Key([0.5, 0.0, -0.5], plants=("bullet",), **LIGHT),
     "sun.exposure": Key("gazebo", plants=("bullet",), **LIGHT),
     "sun.shines": Key([[0.0, 0.1]], plants=("bullet",), **LIGHT),
-    # It acts where something touches it: test_pick_and_place.
+    # It acts where something touches it: test_target_files.
     "target.box": Key({"size": [0.1, 0.1, 0.02]}, plants=("bullet",), tried=()),
     "camera": Key({"preset": "fisheye", "width": 96, "height": 72}),
     "plant": Key("free", plants=("bullet", "chain", "ideal")),
     "record_peak_speeds": Key(True, plants=("bullet",)),
     "ideal": Key({"speed": [1e-3, 1e-3]}, plants=("ideal",)),
     "robot": Key({"camera_frame": "tool0"}, plants=ARMS, tried=()),  # test_robots has its keys
-    # -- the laws' parameters ------------------------------------------------------------------
     **{
         f"controller_parameters.law_options.{one.name}": Key(
-            {"zero": 3.0, "bound": 1e-3}.get(one.name, 0.7), {"law": law, "gain": None}
-        )
+            {"zero": 3.0, "bound": 1e-3}.get(one.name, 0.7), {"law": law, "gain": None})
         for law in LAWS
         for one in LAWS.list_parameters(law)
-        if one.name not in ("gain", "values")
-    },
-}
+        if one.name not in ("gain", "values")}}
 # Keys that no run can be changed by, or that other tests change, and why.
 EXEMPT = {
+    # names on the graph; figures of CameraInfo; delivered where somebody reads them; of triggers
     "CameraConfig": {
-        # names on the graph
         "name", "camera_name", "robot_namespace", "image_topic", "info_topic", "frame_name",
-        "optical_frame_name", "depth_topics",
-        # figures of CameraInfo
-        "hack_baseline", "rectification_matrix", "projection_matrix",
-        "depth", "segmentation",  # delivered where somebody reads them
-        "shutter",  # of triggered cameras
-    },
+        "optical_frame_name", "depth_topics", "hack_baseline", "rectification_matrix",
+        "projection_matrix", "depth", "segmentation", "shutter"},
     "CalibrationOffset": {"hand_eye"},  # test_calibrated_places
     # test_several_cameras, test_robots
     "CameraSpec": {"model", "rate", "xyz", "rpy", "pose", "frame", "delay", "calibration_offset",
@@ -276,29 +226,21 @@ EXEMPT = {
     # Keys of motion are here; of meshes, and of links: test_links_as_targets.
     "TargetSpec": {"motion", "model", "link", "scale"},
     "SupportBoxSpec": {"size", "mass", "friction"},  # of target.box
-    "Experiment": {
-        "cameras", "target", "calibration_offset",  # their own keys are here
-        "world", "hand_eye",  # test_robots, test_surroundings
-        "time_after_convergence", "renderer",  # an end after convergence; all names mean one
-    },
+    # Their own keys are here; test_robots, test_surroundings; an end after convergence; all names
+    # of renderers mean one.
+    "Experiment": {"cameras", "target", "calibration_offset", "world", "hand_eye",
+                   "time_after_convergence", "renderer"},
     "IdealPlantSpec": {f.name for f in fields(IdealPlantSpec)},  # test_ending
-    "ControllerParameters": {
-        *EXPERIMENT_KEYS,
-        *GRAPH_PARAMETERS,  # refused on every plant
-        "limit_avoidance",  # acts near a limit that is given
-        "law_options",  # below
-        "package",
-        "scheme_timeout",  # test_hanging_scheme
-    },
-}  # fmt: skip
+    # Refused on every plant; acts near a limit that is given; below; test_hanging_scheme.
+    "ControllerParameters": {*EXPERIMENT_KEYS, *GRAPH_PARAMETERS, "limit_avoidance", "law_options",
+                             "package", "scheme_timeout"}}  # fmt: skip
 PREFIXES = {
     CameraConfig: "camera.", Effects: "camera.effects.", SensorModel: "camera.effects.sensor.",
     AutoExposure: "camera.effects.auto_exposure.", Shake: "camera.shake.",
     CalibrationOffset: "calibration_offset.",
     CameraSpec: "cameras.a.", TargetSpec: "target.", TargetMotion: "target.motion.",
     SupportBoxSpec: "target.box.", SunSpec: "sun.", IdealPlantSpec: "ideal.", Experiment: "",
-    ControllerParameters: "controller_parameters.",
-}  # fmt: skip
+    ControllerParameters: "controller_parameters."}  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", PREFIXES, ids=lambda kind: kind.__name__)
@@ -319,12 +261,9 @@ def _fingerprint(text):
         for part in (reading.image, reading.outline, reading.points):
             found.update(b"-" if part is None else np.ascontiguousarray(part).tobytes())
 
-    loop = Loop(experiment, assemble(experiment), on_frame=watch)
-    try:
+    with contextlib.closing(Loop(experiment, assemble(experiment), on_frame=watch)) as loop:
         loop.run_to_end()
         run = loop.make_run()
-    finally:
-        loop.close()
     for part in (run.stamp, run.error, run.desired_twist, run.pose, run.measured_positions,
                  run.joint_commands):  # fmt: skip
         found.update(np.nan_to_num(np.asarray(part, float)).tobytes())

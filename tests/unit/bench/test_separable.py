@@ -23,8 +23,7 @@ done = run(Experiment(**eval(sys.argv[1])))
 assert len(done.stamp) > 4 and "simulated time" in repr(done)
 print(*sys.modules)
 """
-# What a run of a free camera with exact features does without: physics and control of an arm,
-# rendering, sensors, the whole of SDF, learning, model tracker, features of grey levels.
+# What a run of a free camera with exact features does without.
 UNNEEDED = (
     "pybullet", "aras_sim_bridge.world", "aras_sim_bridge.control", "aras_sim_bridge.control_cycle",
     "aras_sim_bridge.simulation", "aras_sim_bridge.sensors", "aras_sim_bridge.camera.sensor",

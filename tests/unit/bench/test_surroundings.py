@@ -176,7 +176,7 @@ TWO = {"camera": "original", "scheme": "points@left+points@right", "cameras": {
 
 
 def test_the_cameras_that_watch_are_there_where_they_are_wanted():
-    assert list(parts(**TWO).cameras) == ["left", "other", "right"]
+    assert list(parts(**TWO).cameras) == ["left", "right", "other"]  # read ones first
     found = parts(**TWO, has_unread_cameras=False)
     assert list(found.cameras) == ["left", "right"] == list(found.rig.observers)
     assert list(found.placements) == ["right"] and found.postures is None

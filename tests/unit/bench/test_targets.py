@@ -8,12 +8,15 @@ from scipy.spatial.transform import Rotation
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.experiment import cameras
 from aras_visual_servo_bench.targets.geometry import (
     PlacedTarget,
     PolygonTarget,
     PoseHistory,
     TargetMotion,
 )
+from aras_visual_servo_camera.camera_model import CameraModel
+from aras_visual_servo_camera.moments import Moments
 
 SQUARE = PolygonTarget(((-0.1, -0.1), (0.1, -0.1), (0.1, 0.1), (-0.1, 0.1)))
 DOWN = np.diag([1.0, -1.0, -1.0, 1.0])  # looks along the target's -z, x to the right
@@ -54,6 +57,20 @@ def test_a_target_moves_about_its_own_origin():
                  {"circle": 0.1, "frequency": 1.0}, {"path": ((1.0, 0.1, 0.0, 0.0),)}):
         assert not TargetMotion(**kind).is_static
     assert TargetMotion(begin=3.0, hold=1.0, frequency=2.0).is_static
+
+
+def test_a_drawn_picture_has_the_outlines_moments():
+    """Straight edges are curves to a fisheye."""
+    K = (105.0, 0.0, 159.5, 0.0, 105.0, 119.5, 0.0, 0.0, 1.0)
+    camera = CameraModel(320, 240, K, (0.0,) * 4, "equidistant")
+    outline = SQUARE.outline(above(0.03, 0.02, 0.45))
+    dark = cameras.WHITE_LEVEL - cameras.draw_outline(outline, camera).astype(float)
+    area = dark / (cameras.WHITE_LEVEL - cameras.DARK_LEVEL) * camera.tables.area
+    exact = Moments.from_polygon(outline, 2)
+    x, y = (grid.ravel() for grid in (camera.tables.x, camera.tables.y))
+    seen = Moments.from_samples(x, y, area.ravel(), 2)
+    assert seen.m00 == pytest.approx(exact.m00, rel=2e-3)
+    assert (seen.xg, seen.yg) == pytest.approx((exact.xg, exact.yg), abs=2e-4)
 
 
 EVERYTHING = TargetMotion(

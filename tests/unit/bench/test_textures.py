@@ -283,7 +283,11 @@ def test_a_picture_too_large_is_refused_by_its_header(tmp_path, side):
         check(experiment)
 
 
-def test_a_target_brings_the_tracker_of_its_points():
+def test_a_target_has_its_points_in_its_size_and_brings_their_tracker():
+    for name, share in (("four_dots", 0.25), ("line_grid", 0.4)):
+        known = [(-0.3 * share, 0.2 * share), (0.3 * share, 0.2 * share),
+                 (0.3 * share, -0.2 * share), (-0.3 * share, -0.2 * share)]
+        np.testing.assert_allclose(make_target(name, (0.3, 0.2)).known_points, known, atol=1e-12)
     for shape, kind in SHAPES.items():
         if not kind.is_solid:
             spec = {**RUN, "target": {"shape": shape, "pose": TURNED}}

@@ -155,8 +155,7 @@ def test_so_is_what_a_law_returns():
 ROOT = Path(__file__).parents[3]
 GOAL = Goal.load(ROOT / "src/aras_visual_servo_controller/config/goal_2016.yaml")
 AWAY = np.array([-0.1, 0.0, 0.349, -0.262, -0.0873, 0.1745])
-# From which part of the way: the grey levels of the whole picture have a narrow valley. The two
-# others of docs/examples run in the gallery.
+# From which part of the way: the grey levels of the whole picture have a narrow valley.
 SCHEMES = {"photometric:Photometric": 0.1, "second_order:SecondOrder": 1.0}
 
 

@@ -102,14 +102,19 @@ def browser():
 
 @pytest.fixture(scope="module")
 def watched(browser):
-    """Function that opens an address in a tab of a given width; `wrong` lists the tab's errors."""
+    """Function that opens an address in a tab of a given width.
+
+    In the tab, `wrong` lists the errors, and `all(selector)` and `one(selector)` find elements.
+    """
 
     def open_watched(address, width, ready):
         tab = browser.open("about:blank")
         tab.resize(width)
         tab.call("Page.addScriptToEvaluateOnNewDocument", source="window.wrong = []; "
                  "addEventListener('error', (e) => wrong.push(e.message)); "
-                 "addEventListener('unhandledrejection', (e) => wrong.push(String(e.reason)))")
+                 "addEventListener('unhandledrejection', (e) => wrong.push(String(e.reason))); "
+                 "window.one = (s) => document.querySelector(s); "
+                 "window.all = (s) => [...document.querySelectorAll(s)];")  # fmt: skip
         tab.call("Page.navigate", url=address)
         tab.wait(ready)
         return tab

@@ -18,11 +18,9 @@ REASONS = ("the error swings: it grew and shrank 4 times; delay 0.21 s", "the ta
 
 
 def made_study(path: Path, chunks: range | None = None, **keys: Any) -> StudyFolder:
-    """A folder whose runs succeed where gain * delay is small, with noise by the run's seed.
+    """Make a study whose runs succeed where gain * delay is small, with noise by the run's seed.
 
-    Args:
-        chunks: that are written; None: all.
-        keys: of the study.
+    chunks: that are written; None: all. keys: of the study.
     """
     study = Study.from_mapping(keys)
     folder = StudyFolder.create(path, study, yaml.safe_dump(study.to_mapping()))
@@ -32,7 +30,7 @@ def made_study(path: Path, chunks: range | None = None, **keys: Any) -> StudyFol
 
 
 def write_chunk(folder: StudyFolder, chunk: int) -> None:
-    """Write one chunk of it."""
+    """Write one chunk of its runs."""
     done = rows.RunRows()
     for run in folder.study.list_chunk_runs(chunk):
         values = rows.make_blank_row(folder.study, run)
@@ -48,7 +46,7 @@ def write_chunk(folder: StudyFolder, chunk: int) -> None:
             "settled": 3.0 / gain * (1.0 + 0.1 * rng.random()) if good else float("nan"),
             "final_distance": 2e-4 * rng.random() if good else 0.1 * rng.random(),
         }  # fmt: skip
-        done.values.append({k: v for k, v in values.items()})
+        done.values.append(values)
         done.times.append({"run": run, "wall": 0.05 + 0.01 * rng.random(), "processor": 0.05,
                            "worker": "here:1"})  # fmt: skip
     folder.write_chunk(chunk, done)

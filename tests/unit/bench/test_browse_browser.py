@@ -6,14 +6,10 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-import yaml
 from made_study import made_study, write_chunk
 from statsmodels.stats.proportion import proportion_confint
 
-from aras_visual_servo_bench.studies.pools import InProcessPool
-from aras_visual_servo_bench.studies.study import Study
-from aras_visual_servo_bench.studies.study_execution import run_missing
-from aras_visual_servo_bench.studies.study_folder import StudyFolder
+from aras_visual_servo_bench import run_study
 from aras_visual_servo_bench.web.browse.server import serve
 
 SIZES = (1440, 390)
@@ -21,18 +17,14 @@ HOSTILE = "<img src=x onerror='window.hit=1'>"
 GRID = {"vary": {"delay": [0.015, 0.1, 0.2, 0.3], "gain": [1.0, 2.0, 4.0, 8.0]}}
 READY = ("window.arasBrowser && arasBrowser.page.rows.length > 0 "
          "&& !document.body.hasAttribute('aria-busy')")  # fmt: skip
-COUNTED = "document.getElementById('run-count').textContent"
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """A study that was run, one with made-up rows, and one of a hostile name and hostile words."""
     path = tmp_path_factory.mktemp("results")
-    study = Study.from_mapping({
-        "experiment": {"plant": "free", "duration": 0.4, "lag": 0.0}, "vary": {"gain": [2.0, 4.0]},
-    })  # fmt: skip
-    run = StudyFolder.create(path / "run", study, yaml.safe_dump(study.to_mapping()))
-    run_missing(run, InProcessPool, None)
+    run_study({"experiment": {"plant": "free", "duration": 0.4, "lag": 0.0},
+               "vary": {"gain": [2.0, 4.0]}}, path / "run", progress=False)  # fmt: skip
     made_study(path / "made", experiment={"plant": "free"}, repeats=10, **GRID)
     named = {"scheme": [{"name": HOSTILE}, {"name": "points"}]}
     made_study(path / HOSTILE.replace("/", ""), experiment={"plant": "free"}, cases=named)
@@ -49,17 +41,15 @@ def served(folder):
 @pytest.fixture
 def page(request, watched, served):
     tab = watched(served.access.address, getattr(request, "param", SIZES[0]), READY)
-    tab.js("document.getElementById('studies')")
     yield tab
     assert tab.js("[wrong, window.hit]") == [[], None]
     tab.close()
 
 
 def only(tab, name):
-    """Leave one study alone."""
-    tab.js(f"""for (const b of document.querySelectorAll("#studies button"))
-        if (b.firstChild.textContent !== {name!r} && b.getAttribute("aria-pressed") === "true")
-            b.click()""")
+    """Select one study."""
+    tab.js(f"""all("#studies button").filter((b) => b.firstChild.textContent !== {name!r}
+        && b.getAttribute("aria-pressed") === "true").forEach((b) => b.click())""")
     settle(tab)
 
 
@@ -68,53 +58,65 @@ def settle(tab):
     tab.wait(READY.replace("arasBrowser.page.rows.length > 0", "true"))
 
 
+def choose(tab, **values):
+    """Set fields, each by the identifier of its element."""
+    for name, value in values.items():
+        field = f"one({'#' + name.replace('_', '-')!r})"
+        tab.js(f"{field}.value = {value!r}; {field}.dispatchEvent(new Event('change'))")
+
+
 def add_filter(tab, column, operator, value):
-    tab.js(f"""(() => {{ const $ = (id) => document.getElementById(id);
-        $("column").value = {column!r}; $("column").dispatchEvent(new Event("change"));
-        $("operator").value = {operator!r}; $("value").value = {value!r};
-        document.querySelector("#filter button").click(); }})()""")
+    choose(tab, column=column, operator=operator, value=value)
+    press(tab, "#filter button")
     settle(tab)
 
 
+def press(tab, selector, at=0):
+    tab.js(f"all({selector!r})[{at}].click()")
+
+
+def open_run(tab, at=0):
+    """Open the panel of a run."""
+    press(tab, "#rows tbody tr", at)
+    tab.wait("!one('#run').hidden")
+
+
+def wait_for_count(tab, text):
+    tab.wait(f"one('#run-count').textContent.startsWith({text!r})")
+
+
 @pytest.mark.parametrize("page", SIZES, indirect=True)
-def test_a_filter_a_cell_and_a_run(page, browser, served):
+def test_a_filter_a_cell_and_a_run(page):
     only(page, "made")
-    page.wait(f"{COUNTED}.startsWith('160 runs of 1 study')")
+    wait_for_count(page, "160 runs of 1 study")
     add_filter(page, "gain", "≥", "2")
-    page.wait(f"{COUNTED}.startsWith('120 of 160 runs')")
-    assert page.js("document.querySelector('#filters button').innerText").startswith("gain ≥ 2 1")
-    # The cell of delay 0.3 and gain 8 has no success.
-    button = "[...document.querySelectorAll('#cells button')]"
-    titles = page.js(f"{button}.map((b) => b.title)")
-    assert "100%" in page.js(f"{button}.map((b) => b.textContent)")
-    assert len(titles) == 12
-    where = [t for t in titles if t.startswith("delay 0.3, gain 8:")]
-    assert where == ["delay 0.3, gain 8: success 0 %, 10 runs"]
-    page.js(f"{button}.find((b) => b.title === {where[0]!r}).click()")
-    page.wait(f"{COUNTED}.startsWith('10 of 160 runs')")
-    ends = page.js("[...document.querySelectorAll('#rows .end')].map((e) => e.textContent)")
-    assert ends == ["oscillating"] * 10
-    page.js("document.querySelector('#rows tbody button').click()")
-    page.wait("!document.getElementById('run').hidden")
-    text = page.js("document.getElementById('run').innerText")
+    wait_for_count(page, "120 of 160 runs")
+    assert page.js("one('#filters button').innerText").startswith("gain ≥ 2 1")
+    cells = page.js("all('#cells button').map((b) => [b.title, b.textContent])")
+    assert len(cells) == 12 and "100%" in [text for _, text in cells]
+    (at,) = [i for i, (title, _) in enumerate(cells) if title.startswith("delay 0.3, gain 8:")]
+    assert cells[at][0] == "delay 0.3, gain 8: success 0 %, 10 runs"
+    press(page, "#cells button", at)
+    wait_for_count(page, "10 of 160 runs")
+    assert page.js("all('#rows .end').map((e) => e.textContent)") == ["oscillating"] * 10
+    press(page, "#rows tbody button")
+    page.wait("!one('#run').hidden")
+    text = page.js("one('#run').innerText")
     assert "Reason:" in text and "Remedy: lower the gain" in text and "goal_missed" in text
-    page.js("document.querySelector('#filters button:last-child').click()")  # all of them
-    page.wait(f"{COUNTED}.startsWith('160 runs')")
+    press(page, "#filters button:last-child")  # all of them
+    wait_for_count(page, "160 runs")
 
 
-def test_the_report_of_a_run_is_computed_and_shown(page, browser, served, folder):
+def test_the_report_of_a_run_is_computed_and_shown(page, watched, folder):
     only(page, "run")
-    page.wait("document.querySelectorAll('#rows tbody tr').length === 2")
-    page.js("document.querySelectorAll('#rows tbody tr')[1].click()")
-    page.wait("!document.getElementById('run').hidden")
-    address = page.js("document.querySelector('#run a').href")
+    page.wait("all('#rows tbody tr').length === 2")
+    open_run(page, 1)
     shutil.rmtree(folder / "run" / "show-1", ignore_errors=True)
-    tab = browser.open(address)
-    tab.wait("document.getElementById('waiting') "
-             "&& document.body.innerText.includes('Repeating the run')")  # fmt: skip
+    tab = watched(page.js("one('#run a').href"), SIZES[0],
+                  "one('#waiting')?.textContent.includes('Repeating the run')")  # fmt: skip
     tab.wait("!!window.arasReport", 90.0)
-    assert tab.js("document.querySelector('h1').textContent").startswith("moments, plant free")
-    assert tab.js("document.querySelector('.meta').textContent").startswith("run:1 · ")
+    assert tab.js("one('h1').textContent").startswith("moments, plant free")
+    assert tab.js("one('.meta').textContent").startswith("run:1 · ")
     assert tab.js("arasReport.charts.length") > 3
     tab.close()
     assert (folder / "run" / "show-1" / "report.html").is_file()
@@ -124,61 +126,59 @@ def test_distances_are_filtered_in_the_unit_that_is_shown(page, folder):
     only(page, "made")
     table = pd.read_parquet(folder / "made" / "parts")
     middle = table.final_distance.median()
-    assert page.js("[...document.querySelectorAll('#column option')].map((o) => o.text)").count(
-        "final_distance (mm)") == 1  # fmt: skip
+    texts = page.js("all('#column option').map((o) => o.text)")
+    assert texts.count("final_distance (mm)") == 1
     add_filter(page, "final_distance", "≤", f"{1e3 * middle:.6f}")
-    count = (table.final_distance <= middle + 1e-9).sum()
-    page.wait(f"{COUNTED}.startsWith('{count} of 160 runs')")
-    chip = page.js("document.querySelector('#filters button').innerText")
+    wait_for_count(page, f"{(table.final_distance <= middle + 1e-9).sum()} of 160 runs")
+    chip = page.js("one('#filters button').innerText")
     assert chip.startswith("final_distance ≤ ") and " mm" in chip
     assert float(chip.split()[2]) == pytest.approx(1e3 * middle, rel=1e-3)
-    shown = page.js("""(() => { const head = [...document.querySelectorAll("#rows th")];
-        const at = head.findIndex((h) => h.innerText.startsWith("final_distance (mm)"));
-        return [...document.querySelectorAll("#rows tbody tr")]
-            .map((r) => [+r.dataset.run, +r.cells[at].innerText]); })()""")
+    shown = page.js("""(() => { const at = all("#rows th").findIndex((h) =>
+        h.innerText.startsWith("final_distance (mm)"));
+        return all("#rows tbody tr").map((r) => [+r.dataset.run, +r.cells[at].innerText]); })()""")
     known = table.set_index("run").final_distance
     assert [v for _, v in shown] == pytest.approx([1e3 * known[run] for run, _ in shown], rel=1e-2)
-    page.js("document.querySelector('#rows tbody button').click()")
-    page.wait("!document.getElementById('run').hidden")
-    run, distance = shown[0]
-    rows = page.js("""[...document.querySelectorAll("#run tr")]
-        .map((r) => r.innerText.split(/\\s+/))""")
+    open_run(page)
+    rows = page.js("all('#run tr').map((r) => r.innerText.split(/\\s+/))")
     (found,) = (row for row in rows if row[0] == "final_distance")
-    assert found[2] == "mm" and float(found[1]) == pytest.approx(distance, rel=1e-2)
+    assert found[2] == "mm" and float(found[1]) == pytest.approx(shown[0][1], rel=1e-2)
+
+
+def drag(page, points):
+    """Press the mouse at the first of some points (px) of the chart of points, until the last."""
+    page.js("one('#points').scrollIntoView({block: 'center'})")
+    settle(page)
+    left, top, width, height = page.js("(({x, y, width, height}) => [x, y, width, height])"
+        "(arasBrowser.points.plot.over.getBoundingClientRect())")  # fmt: skip
+    places = [(left + x, top + y) for x, y in points(width, height)]
+    page.mouse("Moved", *places[0])
+    if len(places) == 1:
+        page.wait("one('#point').textContent.includes('made, run ')")
+    page.mouse("Pressed", *places[0])
+    for place in places[1:]:
+        page.mouse("Moved", *place, held=True)
+    page.mouse("Released", *places[-1])
 
 
 def test_points_are_pressed_and_boxed(page):
     only(page, "made")
-    page.js("document.getElementById('points').scrollIntoView({block: 'center'})")
-    x, y, width, height = page.js("""(() => { const r = arasBrowser.points.plot.over
-        .getBoundingClientRect(); return [r.x, r.y, r.width, r.height]; })()""")
     at = page.js("""(() => { const p = arasBrowser.points, u = p.plot, k = devicePixelRatio;
         return [(p.px[7] - u.bbox.left) / k, (p.py[7] - u.bbox.top) / k]; })()""")
-    page.mouse("Moved", x + at[0], y + at[1])
-    page.wait("document.getElementById('point').textContent.includes('made, run ')")
-    page.mouse("Pressed", x + at[0], y + at[1])
-    page.mouse("Released", x + at[0], y + at[1])
-    page.wait("!document.getElementById('run').hidden")
+    drag(page, lambda width, height: [at])
+    page.wait("!one('#run').hidden")
     page.call("Input.dispatchKeyEvent", type="keyDown", key="Escape", code="Escape")
-    page.wait("document.getElementById('run').hidden")
-    page.js("document.getElementById('points').scrollIntoView({block: 'center'})")
-    settle(page)
-    x, y, width, height = page.js("""(() => { const r = arasBrowser.points.plot.over
-        .getBoundingClientRect(); return [r.x, r.y, r.width, r.height]; })()""")
-    page.mouse("Pressed", x + 0.6 * width, y + 2)
-    page.mouse("Moved", x + 0.8 * width, y + 0.5 * height, held=True)
-    page.mouse("Moved", x + 0.99 * width, y + height - 2, held=True)
-    page.mouse("Released", x + 0.99 * width, y + height - 2)
+    page.wait("one('#run').hidden")
+    drag(page, lambda width, height: [
+        (0.6 * width, 2), (0.8 * width, 0.5 * height), (0.99 * width, height - 2)])  # fmt: skip
     page.wait("arasBrowser.view.filters.length === 4")
-    settle(page)
-    page.wait(f"{COUNTED}.startsWith('80 of 160 runs')")  # delays of 0.2 and 0.3
+    wait_for_count(page, "80 of 160 runs")  # delays of 0.2 and 0.3
 
 
 def check_groups(page, folder):
     """The table of groups by gain, recomputed from the rows."""
     table = pd.read_parquet(folder / "made" / "parts")
-    head, *rows = page.js("[...document.querySelectorAll('#group-table tr')].map((r) => "
-                          "[...r.cells].map((c) => c.innerText))")  # fmt: skip
+    head, *rows = page.js(
+        "all('#group-table tr').map((r) => [...r.cells].map((c) => c.innerText))")
     assert head[:4] == ["gain (1/s)", "runs", "success (%)", "95 % interval"]
     at = head.index("final_distance (mm)")
     for cells, (gain, group) in zip(rows, table.groupby("gain"), strict=True):
@@ -192,74 +192,66 @@ def check_groups(page, folder):
 
 def test_columns_sort_group_and_hide(page, folder):
     only(page, "made")
-    header = "[...document.querySelectorAll('#rows th')].find((h) => h.innerText.startsWith('{}'))"
+    header = "all('#rows th').find((h) => h.innerText.startsWith('final_distance'))"
     for order, worse in (("ascending", "<="), ("descending", ">=")):
-        page.js(f"{header.format('final_distance')}.firstChild.click()")
+        page.js(f"{header}.firstChild.click()")
         settle(page)
-        assert page.js(f"{header.format('final_distance')}.getAttribute('aria-sort')") == order
-        at = page.js(f"{header.format('final_distance')}.cellIndex")
-        assert page.js(f"[...document.querySelectorAll('#rows tbody tr')].every((r, i, all) => !i "
-                       f"|| +all[i - 1].cells[{at}].innerText {worse} +r.cells[{at}].innerText)")
-    page.js("""(() => { const s = document.getElementById("by-0"); s.value = "gain";
-        s.dispatchEvent(new Event("change")); const t = document.getElementById("by-1");
-        t.value = ""; t.dispatchEvent(new Event("change")); })()""")
+        assert page.js(f"{header}.getAttribute('aria-sort')") == order
+        at = page.js(f"{header}.cellIndex")
+        assert page.js(f"all('#rows tbody tr').map((r) => +r.cells[{at}].innerText).every("
+                       f"(v, i, values) => !i || values[i - 1] {worse} v)")  # fmt: skip
+    choose(page, by_0="gain", by_1="")
     settle(page)
-    page.wait("document.querySelectorAll('#group-table tbody tr').length === 4")
+    page.wait("all('#group-table tbody tr').length === 4")
     check_groups(page, folder)
-    page.js("document.querySelectorAll('#group-table tbody tr')[3].click()")
-    page.wait(f"{COUNTED}.startsWith('40 of 160 runs')")
-    page.js("""[...document.querySelectorAll("#columns label")]
-        .find((l) => l.textContent === " final_distance").firstChild.click()""")
-    assert not page.js(f"!!{header.format('final_distance')}")
+    press(page, "#group-table tbody tr", 3)
+    wait_for_count(page, "40 of 160 runs")
+    page.js("""all("#columns label").find((l) => l.textContent === " final_distance")
+        .firstChild.click()""")
+    assert not page.js(f"!!{header}")
     page.call("Page.reload")  # what was chosen is in the address
     page.wait(READY)
-    page.wait(f"{COUNTED}.startsWith('40 of 160 runs')")
-    assert not page.js(f"!!{header.format('final_distance')}")
+    wait_for_count(page, "40 of 160 runs")
+    assert not page.js(f"!!{header}")
 
 
 def test_two_studies_are_compared(page):
-    page.js("""(() => { const $ = (id) => document.getElementById(id); $("first").value = "made";
-        $("second").value = "run"; $("chance").checked = true;
-        document.querySelector("#pair button").click(); })()""")
-    page.wait("document.querySelectorAll('#differences tbody tr').length > 3", 60.0)
-    assert "comparisons show a significant difference" in page.js(
-        "document.getElementById('comparison').textContent")  # fmt: skip
+    choose(page, first="made", second="run")
+    page.js("one('#chance').checked = true")
+    press(page, "#pair button")
+    page.wait("all('#differences tbody tr').length > 3", 60.0)
+    text = page.js("one('#comparison').textContent")
+    assert "comparisons show a significant difference" in text
 
 
-def test_what_is_wrong_is_said_and_the_page_goes_on(page, folder):
+def test_what_is_wrong_is_said_and_a_study_that_grows_and_goes_is_followed(page, folder):
     add_filter(page, "gain", "=", "much")
-    assert page.js("document.getElementById('error').textContent") == "gain = needs a number"
+    assert page.js("one('#error').textContent") == "gain = needs a number"
     add_filter(page, "gain", "=", "2")
-    assert page.js("document.getElementById('error').hidden")
-    assert page.js(f"{COUNTED}").startswith("41 of 164 runs")
-
-
-def test_a_study_that_appears_grows_and_goes_is_followed(page, folder):
+    assert page.js("one('#error').hidden")
+    wait_for_count(page, "41 of 164 runs")
     grows = made_study(folder / "grows", range(1), experiment={"plant": "free"}, repeats=10, **GRID)
-    names = "document.getElementById('studies').innerText"
     try:
-        page.wait(f"/grows\\s*4 of 160/.test({names})")
+        page.wait("/grows\\s*4 of 160/.test(one('#studies').innerText)")
         write_chunk(grows, 1)
-        page.wait(f"/grows\\s*8 of 160/.test({names})")
+        page.wait("/grows\\s*8 of 160/.test(one('#studies').innerText)")
     finally:
         shutil.rmtree(folder / "grows")
-    page.wait("document.getElementById('error').textContent.includes('grows was removed')")
+    page.wait("one('#error').textContent.includes('grows was removed')")
     add_filter(page, "gain", "≥", "2")
-    assert "of 164 runs" in page.js(COUNTED)
+    wait_for_count(page, "41 of 164 runs")
 
 
 @pytest.mark.parametrize(("width", "theme"), [(SIZES[0], "Light"), (SIZES[1], "Dark")])
 def test_nothing_hinders_readers_nor_sticks_out(watched, served, width, theme):
     tab = watched(served.access.address, width, READY)
-    tab.js(f"document.getElementById('theme').textContent === '{theme}' "
-           "&& document.getElementById('theme').click()")  # fmt: skip
+    tab.js(f"one('#theme').textContent === '{theme}' && one('#theme').click()")
     settle(tab)
-    tab.js("document.querySelector('details').open = true")
-    tab.js("document.querySelector('#pair button').click()")
+    tab.js("one('details').open = true")
+    press(tab, "#pair button")
     for run in (False, True):
-        pressed = "#rows tbody tr" if run else "#run button"
-        tab.js(f"document.querySelector('{pressed}')?.click()")
-        tab.wait(f"document.getElementById('run').hidden !== {str(run).lower()}")
+        tab.js(f"one('{'#rows tbody tr' if run else '#run button'}')?.click()")
+        tab.wait(f"one('#run').hidden !== {str(run).lower()}")
         settle(tab)
         assert tab.js("document.documentElement.scrollWidth") == width
         assert tab.audit() == []
@@ -274,26 +266,18 @@ def test_nothing_hinders_readers_nor_sticks_out(watched, served, width, theme):
 def test_the_outcome_is_on_a_narrow_screen_and_the_reason_is_complete(page):
     only(page, "made")
     add_filter(page, "outcome", "=", "oscillating")
-    box = "document.querySelector('#rows tbody .end').getBoundingClientRect()"
-    assert page.js(f"{box}.left") >= 0 and page.js(f"{box}.right") <= SIZES[1]
-    cells = "[...document.querySelectorAll('#rows td.long')].filter((c) => c.innerText !== '–')"
-    assert page.js(f"{cells}.length") > 0
-    assert page.js(f"{cells}.every((c) => c.scrollWidth <= c.clientWidth)")
-    assert page.js(f"{cells}.some((c) => c.clientHeight > 40)")  # a long reason has several lines
-
-
-def test_what_is_said_instead_of_a_report_can_be_read(watched, served):
-    address = served.access.address.replace("/?", f"/run?study={'x' * 150}&run=1&")
-    tab = watched(address, SIZES[1], "document.readyState === 'complete' && !!window.waiting")
-    assert "there is no study" in tab.js("document.body.innerText")
-    assert tab.js("document.documentElement.scrollWidth") == SIZES[1]
-    assert tab.audit() == []
-    tab.close()
+    left, right = page.js("(({left, right}) => [left, right])"
+                          "(one('#rows tbody .end').getBoundingClientRect())")  # fmt: skip
+    assert left >= 0 and right <= SIZES[1]
+    cells = page.js("all('#rows td.long').filter((c) => c.innerText !== '–')"
+                    ".map((c) => [c.scrollWidth, c.clientWidth, c.clientHeight])")  # fmt: skip
+    assert all(content <= width for content, width, _ in cells)
+    assert max(height for *_, height in cells) > 40  # a long reason has several lines
 
 
 def test_a_program_that_has_ended_is_said(watched, folder):
     own = serve([folder], "127.0.0.1", 21300 + os.getpid() % 1000, say=lambda _: None)
-    tab = watched(own.access.address, 1440, READY)
+    tab = watched(own.access.address, SIZES[0], READY)
     own.close()
-    tab.wait("document.getElementById('error').textContent.includes('has ended')")
+    tab.wait("one('#error').textContent.includes('has ended')")
     tab.close()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import itertools
-import math
 
 import numpy as np
 import pandas as pd
@@ -13,7 +12,6 @@ import pytest
 
 from aras_visual_servo_base.settings import build
 from aras_visual_servo_bench.errors import StudyError
-from aras_visual_servo_bench.metrics.formatting import choose_unit
 from aras_visual_servo_bench.web.browse import result_queries as queries
 from aras_visual_servo_bench.web.browse.map_cells import divide_into_cells, to_json_value
 from aras_visual_servo_bench.web.browse.queries import (
@@ -56,9 +54,8 @@ def made_columns():
 @pytest.fixture(scope="module")
 def look():
     studies = tuple(StudyEntry(name, None) for name in ("a", "c", "b"))
-    return StudiesSnapshot(
-        1, studies, pa.table(made_columns()), {"gain": "1/s"}, {"gain": "setting"}
-    )
+    table = pa.table(made_columns())
+    return StudiesSnapshot(1, studies, table, {"gain": "1/s"}, {"gain": "setting"})
 
 
 @pytest.fixture(scope="module")
@@ -120,10 +117,7 @@ def test_what_is_known_and_what_words_contain(look, table):
     assert chosen(look, ("word", "=", 3)) == []
     with pytest.raises(StudyError, match="no study 'd'"):
         chosen(look, studies=("a", "d"))
-    assert (
-        queries.select_rows(StudiesSnapshot(0, (), pa.table({})), RunSelection(("a",))).size
-        == 0
-    )
+    assert not chosen(StudiesSnapshot(0, (), pa.table({})), studies=("a",))
 
 
 def test_columns_have_the_unit_of_the_tables():
@@ -134,35 +128,28 @@ def test_columns_have_the_unit_of_the_tables():
         {"distance": "metric", "angle": "metric", "delay": "setting"},
     )  # fmt: skip
     assert [(c["unit"], c["size"]) for c in queries.describe_columns(snapshot)] == [
-        ("mm", 1e-3), ("°", pytest.approx(math.pi / 180.0)), ("s", 1.0), ("m", 1.0)]
-    for name in ("distance", "angle"):
-        numbers = [v for v in values[name] if v is not None]
-        column, = (c for c in queries.describe_columns(snapshot) if c["name"] == name)
-        assert choose_unit(snapshot.units[name], numbers) == (column["unit"], column["size"])
+        ("mm", 1e-3), ("°", pytest.approx(np.pi / 180.0)), ("s", 1.0), ("m", 1.0)]
 
 
 def test_columns_are_told_with_the_values_of_those_that_take_few(look):
     told = {one["name"]: one for one in queries.describe_columns(look)}
     assert list(told) == look.table.column_names
-    assert told["gain"] == {"name": "gain", "unit": "1/s", "size": 1.0,
-                            "role": "setting", "kind": "number",
-                            "is_binary": False,
-                            "count": 4, "known_count": COUNT - 9,
-                            "values": [0.25, 1.5, 4.0]}  # fmt: skip
+    assert told["gain"] == {
+        "name": "gain", "unit": "1/s", "size": 1.0, "role": "setting", "kind": "number",
+        "is_binary": False, "count": 4, "known_count": COUNT - 9, "values": [0.25, 1.5, 4.0],
+    }  # fmt: skip
     assert told["word"]["kind"] == told["flag"]["kind"] == "word"
     assert (told["step"]["kind"], told["step"]["count"], told["step"]["values"]) == (
         "number", COUNT, [])  # fmt: skip
     # A script's numbers hold no more digits.
     assert told["seed"]["values"] == [2**53 - 1, 2**53, str(2**53 + 1)]
     assert [told["distance"][key] for key in ("unit", "role", "known_count")] == ["", "", COUNT - 2]
-    for count in (60, 61):
+    for count, listed in ((60, [*range(60)]), (61, [])):
         few = StudiesSnapshot(1, (), pa.table({"x": np.arange(count)}))
-        (one,) = queries.describe_columns(few)
-        assert one["values"] == (list(range(60)) if count == 60 else [])
-    assert to_json_value(-np.inf) == "-inf" and to_json_value(np.nan) is None
-    assert to_json_value(-(2**53) - 1) == str(-(2**53) - 1) and to_json_value(
-        -(2**53)
-    ) == -(2**53)
+        assert queries.describe_columns(few)[0]["values"] == listed
+    least = -(2**53)
+    assert [to_json_value(v) for v in (-np.inf, np.nan, least - 1, least)] == [
+        "-inf", None, str(least - 1), least]  # fmt: skip
 
 
 def rows(look, **asked):
@@ -172,25 +159,21 @@ def rows(look, **asked):
 def test_rows_are_a_part_of_those_in_order(look, table):
     filters = (ColumnFilter("step", "<", 380),)
     mine = table[table.step < 380]
-    at = look.table.column_names.index("step")
-    for column, descending in itertools.product(
-        ("distance", "word", "step"), (False, True)
-    ):
+    names = look.table.column_names
+    for column, descending in itertools.product(("distance", "word", "step"), (False, True)):
         told = rows(look, filters=filters, sort=column, descending=descending, first=4, count=9)
         order = mine.sort_values(column, ascending=not descending, kind="stable")[column]
-        found = [row[look.table.column_names.index(column)] for row in told["rows"]]
-        assert found == order.tolist()[4:13], column
+        assert [row[names.index(column)] for row in told["rows"]] == order.tolist()[4:13], column
         assert (told["total"], told["success_count"]) == (380, int(mine.success.sum()))
     plainly = rows(look, filters=filters)["rows"]
-    assert [row[at] for row in plainly] == mine.step.tolist()[:50]
-    assert len(plainly[0]) == len(look.table.column_names)
+    assert [row[names.index("step")] for row in plainly] == mine.step.tolist()[:50]
+    assert len(plainly[0]) == len(names)
     none = rows(look, filters=(ColumnFilter("step", "<", -1),), sort="angle")
     assert none == {"total": 0, "success_count": 0, "rows": []}
     for wrong in ({"count": 0}, {"count": 201}, {"first": -1}):
         with pytest.raises(StudyError):
             build(RowQuery, wrong, "", StudyError)
-    asked = build(RowQuery, {"count": 200, "first": 0}, "", StudyError)
-    assert (asked.count, asked.first) == (200, 0) and RowQuery().count == 50
+    assert build(RowQuery, {"count": 200, "first": 0}, "", StudyError).count == 200
 
 
 def cut(values, **limits):
@@ -198,34 +181,24 @@ def cut(values, **limits):
 
 
 def test_few_values_have_a_cell_each_and_many_numbers_a_range(look, table):
-    for count in (24, 25):
-        found = cut(np.r_[np.arange(count)[::-1], 0.5, np.nan][:count + 1].astype(float)[1:])
-        assert len(found.labels) == (24 if count == 24 else 12)
+    for count, cells in ((24, 24), (25, 12)):
+        values = np.r_[np.arange(count)[::-1], np.nan].astype(float)
+        assert len(cut(values).labels) == cells
     found = cut([3.0, None, 1.0, float("nan"), 3.0])
-    assert (found.labels, found.at.tolist(), (found.at < 0).sum()) == (
-        [1.0, 3.0],
-        [1, -1, 0, -1, 1],
-        2,
-    )
+    assert (found.labels, found.at.tolist()) == ([1.0, 3.0], [1, -1, 0, -1, 1])
     assert found.bounds == [[("=", 1.0)], [("=", 3.0)]]
     angle = cut(table.angle)
     wanted = np.linspace(table.angle.min(), table.angle.max(), 13)
     np.testing.assert_allclose(angle.labels, np.column_stack([wanted[:-1], wanted[1:]]))
     for k, bounds in enumerate(angle.bounds):  # each cell's filters choose its own rows
-        own = chosen(look, *(("angle", *one) for one in bounds))
-        assert own == where(angle.at == k)
-    assert [b[1][0] for b in angle.bounds] == ["<"] * 11 + ["≤"] and (angle.at < 0).sum() == 0
-    for high, grows in ((100.0, False), (101.0, True)):
-        edges = [low for low, _ in cut(np.linspace(1.0, high, 30)).labels] + [high]
+        assert chosen(look, *(("angle", *one) for one in bounds)) == where(angle.at == k)
+    assert sorted(set(angle.at)) == list(range(12))
+    for low, high, grows in ((1.0, 100.0, False), (1.0, 101.0, True), (0.0, 1e4, False)):
+        edges = [a for a, _ in cut(np.linspace(low, high, 30)).labels] + [high]
         step = np.diff(np.log(edges) if grows else edges)
         np.testing.assert_allclose(step, step[0])
-    assert np.ptp(np.diff([low for low, _ in cut(np.linspace(0.0, 1e4, 30)).labels])) < 1e-6
-
-
-def test_of_many_words_the_commonest_have_cells(table):
     counts = table.name.value_counts()
-    assert len(counts) > 60
-    for most in (24, 60):
+    for most in (24, 60):  # of more words the commonest have cells
         found = cut(table.name, max_cells=most)
         assert len(found.labels) == most and found.labels == sorted(found.labels)
         sizes = np.bincount(found.at[found.at >= 0])
@@ -234,9 +207,9 @@ def test_of_many_words_the_commonest_have_cells(table):
 
 
 def test_groups_are_those_of_pandas(look, table):
-    asked = GroupQuery(("a",), (ColumnFilter("step", "<", 350),), by=("word", "gain"),
-                                values=("angle", "distance"))  # fmt: skip
-    told = queries.compute_groups(look, asked)
+    told = queries.compute_groups(look, GroupQuery(
+        ("a",), (ColumnFilter("step", "<", 350),), ("word", "gain"), ("angle", "distance")
+    ))  # fmt: skip
     mine = table[(table.study == "a") & (table.step < 350)]
     groups = dict(list(mine.groupby(["word", "gain"])))
     assert told["count"] == len(told["groups"]) == len(groups) > 20
@@ -247,44 +220,39 @@ def test_groups_are_those_of_pandas(look, table):
         middles = own[["angle", "distance"]].replace(np.inf, np.nan).median()
         assert one["estimates"] == [[pytest.approx(m)] for m in middles]
         assert one["bounds"] == [["word", "=", one["values"][0]], ["gain", "=", one["values"][1]]]
-        ends = own[own.success != 1].end.fillna("unknown").value_counts()
-        assert one["failure"] in ([f"{n} × {end}" for end, n in ends.items() if n == ends.max()]
-                                  or [""])  # fmt: skip
+        assert one["failure"] in find_failures(own)
     assert groups == {}
     (whole,) = queries.compute_groups(look, GroupQuery())["groups"]
-    ends = table[table.success != 1].end.fillna("unknown").value_counts()
-    assert whole["failure"] == f"{ends.iloc[0]} × {ends.index[0]}"
+    assert whole["failure"] in find_failures(table)
     many = queries.compute_groups(look, GroupQuery(by=("name", "word")))
-    assert (many["count"], len(many["groups"])) == (
-        table.dropna(subset=["word"]).groupby(["name", "word"]).ngroups, 200)  # fmt: skip
-    assert many["count"] > 200
-    # of 390 values: 12 ranges
-    each = queries.compute_groups(look, GroupQuery(by=("step",)))
-    assert sum(one["runs"] for one in each["groups"]) == COUNT and each["count"] == 12
-    several = queries.compute_groups(
-        look, GroupQuery((), (ColumnFilter("step", "<", 200),), ("step",))
-    )
-    assert several["count"] == 200
+    count = table.dropna(subset=["word"]).groupby(["name", "word"]).ngroups
+    assert (many["count"], len(many["groups"])) == (count, 200) and count > 200
+    for filters, count in (((), 12), ((ColumnFilter("step", "<", 200),), 200)):  # 390: ranges
+        each = queries.compute_groups(look, GroupQuery((), filters, ("step",)))
+        assert sum(one["runs"] for one in each["groups"]) == (200 if filters else COUNT)
+        assert each["count"] == count
     nothing = GroupQuery((), (ColumnFilter("step", "<", -1),), ("gain", "word"), ("angle",))
     assert queries.compute_groups(look, nothing) == {"count": 0, "groups": []}
 
 
+def find_failures(rows):
+    """Texts of the most frequent outcomes of the rows that failed."""
+    ends = rows[rows.success != 1].end.fillna("unknown").value_counts()
+    return [f"{n} × {end}" for end, n in ends.items() if n == ends.max()] or [""]
+
+
 def test_a_map_s_cells_are_those_of_pandas(look, table):
     for value in ("success", "distance"):
-        told = queries.compute_success_map(
-            look, MapQuery((), (), x="word", y="gain", value=value)
-        )
+        told = queries.compute_success_map(look, MapQuery(x="word", y="gain", value=value))
         assert told["x"]["labels"] == sorted(set(table.word) - {None})
         assert told["y"]["labels"] == [0.25, 1.5, 4.0]
         assert told["uncounted"] == (table.word.isna() | table.gain.isna()).sum()
         places = (enumerate(told[axis]["labels"]) for axis in "yx")
         for (i, gain), (j, word) in itertools.product(*places):
-            own = table[(table.gain == gain) & (table.word == word)][value]
+            own = table[(table.gain == gain) & (table.word == word)][value].replace(np.inf, np.nan)
+            wanted = own.fillna(0).mean() if value == "success" else own.median()
             assert told["runs"][i][j] == len(own)
-            wanted = own.fillna(0).mean() if value == "success" else \
-                own.replace(np.inf, np.nan).median()  # fmt: skip
             assert told["values"][i][j] == (pytest.approx(wanted) if len(own) else None)
-    assert MapQuery().value == "success"
     with pytest.raises(StudyError, match="word contains text; choose a column"):
         queries.compute_success_map(look, MapQuery(x="gain", y="gain", value="word"))
 
@@ -294,9 +262,7 @@ def read(text, kind):
 
 
 def test_points_are_coloured_in_seven_classes(look, table):
-    told = queries.find_points(
-        look, PointQuery((), (), x="distance", y="word", colour_by="step")
-    )
+    told = queries.find_points(look, PointQuery(x="distance", y="word", colour_by="step"))
     words = sorted(set(table.word) - {None})
     mine = table[np.isfinite(table.distance) & table.word.notna()]
     assert (told["count"], told["uncounted"]) == (len(mine), COUNT - len(mine))
@@ -310,10 +276,10 @@ def test_points_are_coloured_in_seven_classes(look, table):
     for step, shade in zip(mine.step, read(told["colours"], "u1"), strict=True):
         assert classes[shade, 0] <= step <= classes[shade, 1]
     named = queries.find_points(look, PointQuery(x="angle", y="step", colour_by="name"))
+    classes = named["classes"]
     common = set(table.name.value_counts().index[:7])
-    assert len(named["classes"]) == 7 and len(common - set(named["classes"])) <= 1
-    assert [(named["classes"] + ["-"])[k] if name in named["classes"] else k
-            for name, k in zip(table.name, read(named["colours"], "u1"), strict=True)] == [
-        name if name in named["classes"] else 7 for name in table.name]  # fmt: skip
+    assert len(classes) == 7 and len(common - set(classes)) <= 1
+    assert read(named["colours"], "u1").tolist() == [
+        classes.index(name) if name in classes else 7 for name in table.name]  # fmt: skip
     unshaded = queries.find_points(look, PointQuery(x="angle", y="step"))
     assert unshaded["classes"] == [] and not read(unshaded["colours"], "u1").any()

@@ -42,7 +42,7 @@ AUDIT = """axe.run(document, {resultTypes: ["violations"]}).then((found) => foun
   (v) => `${v.id}: ${v.help}: ${v.nodes.slice(0, 3).map((n) => n.html.slice(0, 160) + " "
     + n.any.map((a) => a.message).join("; ")).join(" | ")}`))"""
 
-#: How Chromium's words begin where a page gave way to another before an expression had its value.
+# errors of an expression whose page was replaced by another one
 NAVIGATED = ("Inspected target navigated", "Execution context was destroyed")
 
 
@@ -50,7 +50,7 @@ class NavigatedError(RuntimeError):
     """The page was replaced by another one."""
 
 
-class Browser:
+class Browser(contextlib.AbstractContextManager):
     """Browser with a temporary profile; it ends with the `with` block."""
 
     def __init__(self, size: tuple[int, int] = (1440, 900)) -> None:
@@ -58,7 +58,6 @@ class Browser:
         if program is None:
             raise RuntimeError(HOW)
         self._profile = tempfile.TemporaryDirectory(prefix="browser", ignore_cleanup_errors=True)
-        self.profile = self._profile.name  # its folder, which the processes have in their words
         self._loop = asyncio.new_event_loop()
         self._process = subprocess.Popen(
             [program, *OPTIONS, f"--window-size={size[0]},{size[1]}",
@@ -80,10 +79,8 @@ class Browser:
         """Open an address in a new tab, and return the tab."""
         asked = Request(f"http://127.0.0.1:{self._port}/json/new?about:blank", method="PUT")
         with urlopen(asked, timeout=ANSWER) as answer:
-            found = json.load(answer)
-        tab = Tab(self._loop, found["webSocketDebuggerUrl"])
-        tab.call("Emulation.setDeviceMetricsOverride", width=self._size[0], height=self._size[1],
-                 deviceScaleFactor=1, mobile=False)  # fmt: skip
+            tab = Tab(self._loop, json.load(answer)["webSocketDebuggerUrl"])
+        tab.resize(*self._size)
         tab.call("Page.enable")
         tab.call("Page.navigate", url=address)
         return tab
@@ -98,9 +95,6 @@ class Browser:
         self._loop.close()
         self._profile.cleanup()
 
-    def __enter__(self) -> Browser:
-        return self
-
     def __exit__(self, *_: object) -> None:
         self.close()
 
@@ -110,9 +104,7 @@ class Tab:
 
     def __init__(self, loop: asyncio.AbstractEventLoop, address: str) -> None:
         self._loop, self._numbers = loop, itertools.count(1)
-        self._socket = self._run(
-            lambda: websocket_connect(address, max_message_size=2**27)
-        )
+        self._socket = self._run(lambda: websocket_connect(address, max_message_size=2**27))
 
     def _run(self, begin: Callable[[], Any]) -> Any:
         async def wait() -> Any:
@@ -180,10 +172,8 @@ class Tab:
 
     def close(self) -> None:
         """Close the tab."""
-        message = json.dumps({"id": 0, "method": "Page.close"})
-        self._run(lambda: self._socket.write_message(message))
-
         async def end() -> None:  # in its loop, which the socket asks for
+            await self._socket.write_message(json.dumps({"id": 0, "method": "Page.close"}))
             self._socket.close()
 
         self._run(end)

@@ -83,8 +83,8 @@ def made_run(seed: int, decay: float) -> Run:
     pace[5, 1] = np.nan
     return Run(
         states=tuple(states), pose=true_pose[nearest], joint_names=JOINTS, joint_stamp=joint_stamp,
-        measured_positions=measured, measured_velocities=rng.normal(size=measured.shape) * [0.1,
-            0.7, 1.3],
+        measured_positions=measured,
+        measured_velocities=rng.normal(size=measured.shape) * [0.1, 0.7, 1.3],
         joint_commands=measured + 0.01, true_pose=true_pose, goal_pose=GOAL, outcome="converged",
         reason="", remedy="", verdict=Verdict("goal_reached", 4.17e-4, 0.00521), name=f"run {seed}",
         units=UNITS, position_limits=(LOWER, UPPER), speed_limits=np.array([0.3, 1.9, 2.7]),

@@ -20,24 +20,18 @@ from aras_visual_servo_controller.schemes import SchemeOutput
 def told(stamp=1.0, phase="servoing", names=("xn", "yn"), error=(0.01, -0.02), asked=(0.0,) * 6,
          achieved=(0.0,) * 6, scheme="moments", **words):  # fmt: skip
     """A state of the controller, as its messages tell it."""
-    error = np.array(error, float)
+    error, none = np.array(error, float), np.zeros(0)
     decision = SchemeOutput(tuple(names), error, 0.0 * error, error)
-    none = np.zeros(0)
     resolution = IKSolution.from_record(
-        np.zeros(6), np.array(asked), np.array(achieved), (none, none)
-    )
+        np.zeros(6), np.array(asked), np.array(achieved), (none, none))
     return ServoState(stamp, phase, **{"outcome": "running", **words}, scheme_output=decision,
                       ik_solution=resolution, scheme=scheme)  # fmt: skip
 
 
 class OfflineHost(PageHost):
-    """Host without a graph.
+    """Host without a graph."""
 
-    find_report: function that returns the path of a report's file; None: there is none.
-    has_robot: whether there is a robot.
-    """
-
-    find_report = staticmethod(lambda path: None)
+    find_report = staticmethod(lambda path: None)  # function that returns a report's file
     has_robot = True
 
     def __init__(self, robot, camera) -> None:

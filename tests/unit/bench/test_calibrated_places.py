@@ -27,31 +27,24 @@ def written(path, matrix, factor=1.0):
     return str(path)
 
 
-def believed_arm(**keys):
-    return assemble(Experiment.from_mapping({"plant": "chain", "scheme": "points", **keys})
-                    ).servo.arm  # fmt: skip
-
-
-def poses(arm):
-    return arm.pose(np.linspace(0.1, 0.5, len(arm.names)))
+def find_pose(**keys):
+    """Pose of the camera by the controller's arm."""
+    parts = assemble(Experiment.from_mapping({"plant": "chain", "scheme": "points", **keys}))
+    return parts.servo.arm.pose(np.linspace(0.1, 0.5, len(parts.servo.arm.names)))
 
 
 def test_a_camera_is_believed_where_a_file_says(tmp_path):
     """As by xyz and rpy off its true place, whatever link and unit the file has."""
     xyz, rpy = xyz_rpy_from_matrix(OFF)
-    expected = poses(believed_arm(calibration_offset={"xyz": xyz, "rpy": rpy}))
+    expected = find_pose(calibration_offset={"xyz": xyz, "rpy": rpy})
     robot = Robot(Experiment().robot)
     carriers = [joint.parent for joint in parse_tree(robot.urdf).find_path("", "camera_link")]
     for link in ("camera_link", carriers[-1]):
-        mounted = robot.compute_mounting(link)
-        file = written(tmp_path / f"{link}.txt", mounted @ OFF, 1e3)
-        found = believed_arm(
-            calibration_offset={"hand_eye": {"file": file, "link": link, "units": "mm"}}
-        )
-        np.testing.assert_allclose(poses(found), expected, atol=1e-9)
-    two = {"own": {"calibration_offset": {"hand_eye": {"file": file, "link": link, "units": "mm"}}}}
-    found = believed_arm(cameras=two, scheme="points@own")
-    np.testing.assert_allclose(poses(found), expected, atol=1e-9)
+        file = written(tmp_path / f"{link}.txt", robot.compute_mounting(link) @ OFF, 1e3)
+        offset = {"hand_eye": {"file": file, "link": link, "units": "mm"}}
+        np.testing.assert_allclose(find_pose(calibration_offset=offset), expected, atol=1e-9)
+    found = find_pose(cameras={"own": {"calibration_offset": offset}}, scheme="points@own")
+    np.testing.assert_allclose(found, expected, atol=1e-9)
 
 
 @pytest.mark.parametrize("plant", ["free", "chain"])
@@ -67,44 +60,32 @@ def test_a_fixed_camera_is_where_a_file_says(tmp_path, plant):
         robot = Robot(experiment.robot)
         fixed = with_fixed_cameras(experiment, robot.packages)
         spec = with_calibration_offsets(fixed, robot).cameras["wall"]
-        return np.array(spec.pose), np.array(
-            [*spec.calibration_offset.xyz, *spec.calibration_offset.rpy]
-        )
+        return [*spec.pose, *spec.calibration_offset.xyz, *spec.calibration_offset.rpy]
 
     given = places(hand_eye={"file": file, "link": "world"},
                    calibration_offset={"hand_eye": {"file": off, "link": "world"}})
     expected = places(pose=[*np.concatenate(xyz_rpy_from_matrix(PLACE))],
                       calibration_offset={"xyz": xyz, "rpy": rpy})
-    for one, other in zip(given, expected, strict=True):
-        np.testing.assert_allclose(one, other, atol=1e-9)
+    np.testing.assert_allclose(given, expected, atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("keys", "reason"),
-    [
-        ({"calibration_offset": {"hand_eye": {"file": "{}", "link": "J1"}}},
-         "calibration_offset.hand_eye: "),
-        ({"calibration_offset": {"hand_eye": {"file": "{}"}}}, "the file does not name the link"),
-        ({"calibration_offset": {"hand_eye": "{}", "xyz": [0.1, 0, 0]}},
-         "calibration_offset.hand_eye already gives the camera's pose"),
-        ({"calibration_offset": {"hand_eye": "{}"}, "plant": "free"},
-         "plant 'free' has no arm: set calibration_offset"),
-        ({"cameras": {"a": {"hand_eye": "{}"}}, "plant": "free", "scheme": "points"},
-         "plant 'free' has no arm: use plant chain or bullet; if the camera is fixed, set"),
-        ({"cameras": {"a": {}, "b": {"hand_eye": {"file": "missing.txt", "link": "world"}}}},
-         "missing.txt"),
-    ],
-)
-def test_a_place_that_cannot_be_is_named(tmp_path, keys, reason):
-    file = written(tmp_path / "wall.txt", PLACE)
-
-    def filled(value):
-        if isinstance(value, dict):
-            return {key: filled(one) for key, one in value.items()}
-        return file if value == "{}" else value
-
+@pytest.mark.parametrize(("keys", "reason"), [
+    ({"calibration_offset": {"hand_eye": {"file": "wall.txt", "link": "J1"}}},
+     "calibration_offset.hand_eye: "),
+    ({"calibration_offset": {"hand_eye": {"file": "wall.txt"}}}, "file does not name the link"),
+    ({"calibration_offset": {"hand_eye": "wall.txt", "xyz": [0.1, 0, 0]}},
+     "calibration_offset.hand_eye already gives the camera's pose"),
+    ({"calibration_offset": {"hand_eye": "wall.txt"}, "plant": "free"},
+     "plant 'free' has no arm: set calibration_offset"),
+    ({"cameras": {"a": {"hand_eye": "wall.txt"}}, "plant": "free"},
+     "plant 'free' has no arm: use plant chain or bullet; if the camera is fixed, set"),
+    ({"cameras": {"a": {}, "b": {"hand_eye": {"file": "none.txt", "link": "world"}}}}, "none.txt"),
+])  # fmt: skip
+def test_a_place_that_cannot_be_is_named(tmp_path, monkeypatch, keys, reason):
+    monkeypatch.chdir(tmp_path)
+    written(tmp_path / "wall.txt", PLACE)
     with pytest.raises(ExperimentError, match=reason) as refused:
-        believed_arm(**filled(keys))
+        find_pose(**keys)
     assert "\n" not in str(refused.value)
 
 

@@ -26,15 +26,20 @@ def experiment(plant, **target):
     )  # fmt: skip
 
 
-def dark(asked):
-    """Stamps and dark pixels of the images of an experiment."""
+def measure_images(asked, measure):
+    """Return the stamps of an experiment's images, a number of each one's grey, and the loop."""
     seen = []
     loop = Loop(asked, assemble(asked), on_frame=lambda of, one: seen.append(
-        (one.stamp, int((FeatureExtractor.decode_image(one).grey < 100).sum()))))  # fmt: skip
+        (one.stamp, float(measure(FeatureExtractor.decode_image(one).grey)))))  # fmt: skip
     loop.run_to_end()
-    goal = loop.parts.goal
     loop.close()
-    return np.array(seen).T, goal
+    return *np.array(seen).T, loop
+
+
+def is_within_times(stamps):
+    found = np.any([(stamps > a) & (stamps <= b) for a, b in TIMES], axis=0)
+    assert found.any() and (~found).any()
+    return found
 
 
 @pytest.mark.parametrize(("plant", "target"), [
@@ -42,38 +47,26 @@ def dark(asked):
     ("bullet", {"shape": "square", "motion": {"velocity": [0.02, 0.01, 0, 0, 0, 0]}}),
 ])  # fmt: skip
 def test_it_lies_there_at_its_times_and_no_other(plant, target):
-    (stamps, with_it), goal = dark(experiment(plant, occluded=TIMES, **target))
-    (_, without), same = dark(experiment(plant, occluder=None, **target))
-    covered = with_it < 0.93 * without
-    wanted = np.any([(stamps > a) & (stamps <= b) for a, b in TIMES], axis=0)
-    assert wanted.any() and (~wanted).any()
-    np.testing.assert_array_equal(covered, wanted)
-    assert goal.moments.m00 == pytest.approx(same.moments.m00, rel=1e-6)  # taught without it
+    (stamps, with_it, loop), (_, without, same) = (
+        measure_images(experiment(plant, **keys, **target), lambda grey: (grey < 100).sum())
+        for keys in ({"occluded": TIMES}, {"occluder": None})
+    )
+    np.testing.assert_array_equal(with_it < 0.93 * without, is_within_times(stamps))
+    # taught without it
+    assert loop.parts.goal.moments.m00 == pytest.approx(same.parts.goal.moments.m00, rel=1e-6)
 
 
-def test_the_sun_shines_at_its_times_and_no_other():
-    """At 0 s it does not: so the goal is taught, in what the ambient light leaves."""
+@pytest.mark.parametrize("shines", [TIMES, ((0.0, 0.02),)])
+def test_the_sun_shines_at_its_times_and_the_goal_is_taught_in_the_light_at_0_s(shines):
     asked = experiment("bullet", shape="poster", occluder=None)
-    asked = replace(asked, scheme="luminance", start=asked.goal, sun=SunSpec(shines=TIMES))
-    seen = []
-    loop = Loop(asked, assemble(asked), on_frame=lambda of, one: seen.append(
-        (one.stamp, float(FeatureExtractor.decode_image(one).grey.mean()))))  # fmt: skip
-    state = loop.run_to_image()
-    assert np.abs(state.scheme_output.error).max() < 2.0  # grey levels, at the goal's own pose
-    loop.run_to_end()
-    loop.close()
-    stamps, grey = np.array(seen).T
-    shines = np.any([(stamps > a) & (stamps <= b) for a, b in TIMES], axis=0)
-    assert shines.any() and (~shines).any()
-    np.testing.assert_array_equal(grey > 1.5 * grey[0], shines)
-
-
-def test_a_sun_that_is_gone_by_the_first_image_has_lit_the_goal():
-    asked = experiment("bullet", shape="poster", occluder=None)
-    asked = replace(asked, scheme="luminance", start=asked.goal, sun=SunSpec(shines=((0.0, 0.02),)))
-    loop = Loop(asked, assemble(asked))
-    assert np.abs(loop.run_to_image().scheme_output.error).max() > 50.0
-    loop.close()
+    asked = replace(asked, scheme="luminance", start=asked.goal, sun=SunSpec(shines=shines))
+    stamps, grey, loop = measure_images(asked, np.mean)
+    error = np.abs(loop.make_run().states[0].scheme_output.error).max()  # at the goal's own pose
+    if shines is TIMES:
+        assert error < 2.0  # grey levels
+        np.testing.assert_array_equal(grey > 1.5 * grey[0], is_within_times(stamps))
+    else:  # the sun has lit the goal, and is gone by the first image
+        assert error > 50.0
 
 
 @pytest.mark.parametrize(("target", "complaint"), [

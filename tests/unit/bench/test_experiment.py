@@ -1,7 +1,6 @@
 """Experiments are checked when they are made; an error is a one-line message."""
 
 import dataclasses
-import math
 from pathlib import Path
 
 import numpy as np
@@ -16,34 +15,19 @@ from aras_visual_servo_bench.targets.target_spec import TargetSpec
 
 def test_an_experiment_is_read_from_yaml(tmp_path):
     path = tmp_path / "experiment.yaml"
-    path.write_text(yaml.safe_dump({
-        "plant": "free",
-        "camera": {"horizontal_fov": 2, "width": 640, "height": 480},
-        "calibration_offset": {"focal": 1.1, "centre": [3, -2]},
-        "target": {"shape": [[0, 0], [1, 0], [1, 1]], "motion": {"velocity": [0.1, 0, 0, 0, 0, 0]}},
-        "start": {"height": [0.2, 0.3], "tilt": 0.1},
-        "goal": {"pose": [0, 0, 0.8, 3.14, 0, 0]},
-        "gain": 2,
-        "time_after_convergence": None,
-    }))  # fmt: skip
+    path.write_text(
+        "plant: free\ncalibration_offset: {focal: 1.1, centre: [3, -2]}\ngain: 2\n"
+        "start: {height: [0.2, 0.3], tilt: 0.1}\ngoal: {pose: [0, 0, 0.8, 3.14, 0, 0]}\n"
+        "time_after_convergence: null\n")
     experiment = Experiment.from_yaml(path)
     assert experiment.start == RandomStart(height=(0.2, 0.3), tilt=0.1)
     assert experiment.goal == CameraPoseSpec((0.0, 0.0, 0.8, 3.14, 0.0, 0.0))
     assert experiment.gain == 2.0 and isinstance(experiment.gain, float)
     assert experiment.calibration_offset.centre == (3.0, -2.0)
-    assert not experiment.has_images
-    assert experiment.time_after_convergence is None
-
-
-def test_keys_with_values_are_taken_by_the_constructor_as_from_a_file():
-    values = {"plant": "free", "calibration_offset": {"focal": 0.9},
-        "start": {"height": [0.2, 0.3]},
-              "target": {"shape": [[0, 0], [1, 0], [1, 1]]}}  # fmt: skip
-    assert Experiment(**values) == Experiment.from_mapping(values)
-    with pytest.raises(
-        ExperimentError, match="unknown key 'calibration_offset.fokal': did you mean 'focal'"
-    ):
-        Experiment(calibration_offset={"fokal": 0.9})
+    assert experiment.time_after_convergence is None and not experiment.has_images
+    path.write_text("gain: [1")
+    with pytest.raises(ExperimentError, match="experiment.yaml is not valid YAML"):
+        Experiment.from_yaml(path)
 
 
 SQUARE = [[-0.05, -0.04], [0.05, -0.05], [0.04, 0.05], [-0.03, 0.03]]
@@ -53,35 +37,30 @@ class Own:
     """A scheme that is named by its class."""
 
 
-@pytest.mark.parametrize(
-    ("given", "meant"),
-    [
-        ({"target": "l_shape"}, {"target": {"shape": "l_shape"}}),
-        ({"target": Path("f.svg")}, {"target": {"shape": "f.svg"}}),
-        ({"target": np.array(SQUARE)}, {"target": {"shape": SQUARE}}),
-        ({"target": {"shape": SQUARE, "pose": np.zeros(6)}}, {"target": {"shape": SQUARE}}),
-        ({"robot": Path("arm.urdf")}, {"robot": {"urdf": "arm.urdf"}}),
-        ({"camera": Path("lens.yaml")}, {"camera": "lens.yaml"}),
-        ({"camera": {"width": np.int64(320)}}, {"camera": {"width": 320}}),
-        ({"cameras": {"left": "wide"}}, {"cameras": {"left": {"model": "wide"}}}),
-        ({"goal": {"pose": np.arange(6.0)}}, {"goal": {"pose": [0, 1, 2, 3, 4, 5]}}),
-        ({"start": np.ones(6)}, {"start": [1, 1, 1, 1, 1, 1]}),
-        ({"start": 2016}, {"start": "2016"}),
-        ({"gain": np.float32(2)}, {"gain": 2.0}),
-        ({"seed": np.int64(3)}, {"seed": 3}),
-        ({"scheme": Own}, {"scheme": f"{__name__}:Own"}),
-        ({"controller_parameters": {"max_velocity": np.ones(2)}},
-            {"controller_parameters": {"max_velocity": [1.0, 1.0]}}),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("given", "meant"), [
+    ({"target": "l_shape"}, {"target": {"shape": "l_shape"}}),
+    ({"target": Path("f.svg")}, {"target": {"shape": "f.svg"}}),
+    ({"target": np.array(SQUARE)}, {"target": {"shape": SQUARE}}),
+    ({"target": {"shape": SQUARE, "pose": np.zeros(6)}}, {"target": {"shape": SQUARE}}),
+    ({"robot": Path("arm.urdf")}, {"robot": {"urdf": "arm.urdf"}}),
+    ({"camera": Path("lens.yaml")}, {"camera": "lens.yaml"}),
+    ({"camera": {"width": np.int64(320)}}, {"camera": {"width": 320}}),
+    ({"cameras": {"left": "wide"}}, {"cameras": {"left": {"model": "wide"}}}),
+    ({"goal": {"pose": np.arange(6.0)}}, {"goal": {"pose": [0, 1, 2, 3, 4, 5]}}),
+    ({"start": np.ones(6)}, {"start": [1, 1, 1, 1, 1, 1]}),
+    ({"start": 2016}, {"start": "2016"}),
+    ({"gain": np.float32(2)}, {"gain": 2.0}), ({"seed": np.int64(3)}, {"seed": 3}),
+    ({"scheme": Own}, {"scheme": f"{__name__}:Own"}),
+    ({"controller_parameters": {"max_velocity": np.ones(2)}},
+     {"controller_parameters": {"max_velocity": [1.0, 1.0]}}),
+])  # fmt: skip
 def test_values_of_python_stand_for_those_of_a_file(given, meant):
     values = {"plant": "free", **given}
     experiment = Experiment(**values)
     assert experiment == Experiment.from_mapping({"plant": "free", **meant})
     assert Experiment.load(values) == Experiment.load(experiment) == experiment
-    assert Experiment.from_mapping(yaml.safe_load(yaml.safe_dump(experiment.to_mapping()))) == (
-        experiment
-    )
+    text = yaml.safe_dump(experiment.to_mapping())
+    assert Experiment.from_mapping(yaml.safe_load(text)) == experiment
 
 
 @pytest.mark.parametrize("key", [f.name for f in dataclasses.fields(Experiment)])
@@ -98,12 +77,6 @@ def test_what_is_no_experiment_is_named():
         Experiment("free")
     with pytest.raises(ExperimentError, match="cannot be imported: define the class at the top"):
         Experiment(scheme=type("Inner", (), {"__qualname__": "f.<locals>.Inner"}))
-
-
-def test_a_changed_experiment_is_checked_again():
-    assert Experiment().with_changes(gain=2, seed=4).seed == 4
-    with pytest.raises(ExperimentError, match="gain is -2"):
-        Experiment().with_changes(gain=-2)
 
 
 def test_with_changes_the_keys_that_it_names_and_nothing_else():
@@ -126,61 +99,33 @@ def test_with_changes_the_keys_that_it_names_and_nothing_else():
 
 @pytest.mark.parametrize("changes, text", [
     ({"gian": 2}, "gain"), ({"target.sise": 2}, "target.sise"), ({"target": {"sise": 2}}, "size"),
-    ({"gain.x": 1}, "gain"), ({"scheme.x": 1}, "scheme"),
+    ({"gain.x": 1}, "gain"), ({"scheme.x": 1}, "scheme"), ({"gain": -2}, "gain is -2"),
 ])  # fmt: skip
 def test_with_names_a_key_that_there_is_not(changes, text):
     with pytest.raises(ExperimentError, match=text):
         Experiment(gain=2.0, scheme="points").with_changes(**changes)
 
 
-@pytest.mark.parametrize(
-    ("values", "complaint"),
-    [
-        ({"calibration_offset": {"focal": 400}},
-         "calibration_offset.focal is 400.0, must be <= 10, the ratio of the"),
-        ({"calibration_offset": {"rpy": [5, 0, 0]}},
-         r"calibration_offset.rpy\[0\] is 5.0.*5 degrees are 0.08727 rad"),
-        ({"camera_rpy": [0, 10, 0]}, r"camera_rpy\[1\] is 10.0, must be <= 3.142 rad"),
-        ({"start": {"turn": 45}}, "start.turn is 45.0, must be <= 3.142 rad"),
-        ({"delay": 15}, r"delay is 15.0, must be <= 10 s \(15 ms are 0.015 s\)"),
-        ({"features": True}, "features is True, must be one of auto, images, exact"),
-        ({"controller_parameters": {"gain": 2}},
-         "controller_parameters.gain cannot be set: set the experiment.s key gain"),
-        ({"plnt": "free"}, r"unknown key 'plnt': did you mean 'plant'\?"),
-        ({"calibration_offset": {"focall": 1.0}},
-         r"'calibration_offset.focall': did you mean 'focal'\?"),
-        ({"start": {"heigth": [0.2, 0.3]}}, r"'start.heigth': did you mean 'height'\?"),
-        ({"plant": "bulet"}, r"plant is 'bulet': did you mean 'bullet'\?"),
-        ({"renderer": "exakt"}, r"renderer is 'exakt': did you mean 'exact'\?"),
-        ({"gain": "3"}, "gain is '3', must be a finite number"),
-        ({"gain": math.nan}, "gain is nan, must be a finite number"),
-        ({"seed": True}, "seed is True, must be a whole number"),
-        ({"friction": 1}, "friction is 1, must be true or false"),
-        ({"duration": 0}, "duration is 0.0, must be > 0 s"),
-        ({"camera_xyz": [1, 2]}, r"camera_xyz is \[1, 2\], must be a list of 3 finite numbers"),
-        ({"start": [0, math.inf]}, r"start\[1\] is inf, must be a finite number"),
-        ({"start": {"height": [0.3, 0.2]}}, "start.height is 0.3 to 0.2"),
-        ({"features": "exact", "noise": 2.0}, "noise acts only on images, .*: set jitter"),
-        ({"target": {"occluder": [[0, 0], [0.1, 0.1]]}}, "set another target.shape"),
-        ({"jitter": 1}, "set noise"),
-        ({"plant": "free", "target": {"motion": {"amplitude": [1, 0, 0]}}}, "need a frequency"),
-        ({"plant": "free", "record_peak_speeds": True}, "needs physics steps"),
-        ({"robot": 5}, "robot.urdf is 5, must be a text"),
-        ([], "must be a mapping"),
-    ],
-)
+@pytest.mark.parametrize(("values", "complaint"), [
+    ({"calibration_offset": {"focal": 400}},
+     "calibration_offset.focal is 400.0, must be <= 10, the ratio of the"),
+    ({"calibration_offset": {"rpy": [5, 0, 0]}},
+     r"calibration_offset.rpy\[0\] is 5.0.*5 degrees are 0.08727 rad"),
+    ({"camera_rpy": [0, 10, 0]}, r"camera_rpy\[1\] is 10.0, must be <= 3.142 rad"),
+    ({"delay": 15}, r"delay is 15.0, must be <= 10 s \(15 ms are 0.015 s\)"),
+    ({"controller_parameters": {"gain": 2}},
+     "controller_parameters.gain cannot be set: set the experiment.s key gain"),
+    ({"calibration_offset": {"focall": 1}}, r"'calibration_offset.focall': did you mean 'focal'\?"),
+    ({"plant": "bulet"}, r"plant is 'bulet': did you mean 'bullet'\?"),
+    ({"start": {"height": [0.3, 0.2]}}, "start.height is 0.3 to 0.2"),
+    ({"features": "exact", "noise": 2.0}, "noise acts only on images, .*: set jitter"),
+    ({"target": {"occluder": [[0, 0], [0.1, 0.1]]}}, "set another target.shape"),
+    ({"jitter": 1}, "set noise"),
+    ({"plant": "free", "target": {"motion": {"amplitude": [1, 0, 0]}}}, "need a frequency"),
+    ({"plant": "free", "record_peak_speeds": True}, "needs physics steps"),
+    ([], "must be a mapping"),
+])  # fmt: skip
 def test_what_cannot_be_run_is_refused_in_one_line(values, complaint):
     with pytest.raises(ExperimentError, match=complaint) as caught:
         Experiment.from_mapping(values)
     assert "\n" not in str(caught.value)
-
-
-def test_a_file_that_is_none_or_never_ends_is_refused(tmp_path):
-    with pytest.raises(ExperimentError, match="cannot read"):
-        Experiment.from_yaml(tmp_path / "none.yaml")
-    with pytest.raises(ExperimentError, match="not a regular file"):
-        Experiment.from_yaml("/dev/zero")
-    broken = tmp_path / "broken.yaml"
-    broken.write_text("gain: [1")
-    with pytest.raises(ExperimentError, match="not valid YAML"):
-        Experiment.from_yaml(broken)

@@ -55,9 +55,8 @@ def test_l_mean_says_so_where_it_loses_the_turn(corners):
 def test_l_mean_turns_by_no_more_than_the_gain_asks(angle):
     result = turned("numbered_points", angle, interaction="mean")
     assert result.verdict.angle < 0.005, (result.outcome, result.reason)
-    assert (
-        max(np.linalg.norm(state.desired_twist[3:]) for state in result.states) < 2.0 * np.pi + 1e-6
-    )
+    speeds = [np.linalg.norm(state.desired_twist[3:]) for state in result.states]
+    assert max(speeds) < 2.0 * np.pi + 1e-6
 
 
 @pytest.mark.parametrize("period", [2.0 * np.pi, np.pi])
@@ -72,7 +71,6 @@ def test_angles_of_one_turn_are_wrapped_to_one_side(period):
 
 @pytest.mark.parametrize("degrees", [177.5, 179.9])
 def test_a_retreat_without_end_is_not_taken_for_an_occlusion(degrees):
-    """The target becomes so small in the image that its area no longer tells anything."""
     result = run(Experiment.from_mapping({
         "plant": "free", "features": "exact", "scheme": "points", "gain": 2.0, "duration": 10.0,
         "target": {"shape": [[-0.03, -0.024], [0.03, -0.03], [0.021, 0.027], [-0.018, 0.018]],
@@ -96,11 +94,9 @@ FLOWN = {"plant": "ideal", "features": "exact",
 
 
 @pytest.mark.parametrize(("scheme", "interaction", "turn", "seed", "plant"), [
-    ("numbered_points", "desired", 90.0, 0, PICTURES),
     ("numbered_points", "desired", 180.0, 7, PICTURES),
     ("partitioned", "current", 90.0, 0, PICTURES),
     ("moments_six", "desired", 180.0, 1, PICTURES),
-    ("moments_six", "desired", 180.0, 2, PICTURES),
     ("moments_six", "mean", 180.0, 3, PICTURES),
     ("moments_six", "current", 180.0, 3, FLOWN),
     ("moments_six", "desired", 180.0, 11, FLOWN),
@@ -112,7 +108,6 @@ def test_nothing_untrue_is_said_of_camera_and_target(scheme, interaction, turn, 
         "start": {"kind": "turned", "angle": turn, "scatter": [0.01, 2.0]},
     }))  # fmt: skip
     said = " ".join([result.outcome, result.reason, *(state.reason for state in result.states)])
-    assert "wrong_camera_model" not in said and "wrong_object" not in said
-    for untrue in ("covered the target", "is not the goal's target", "do not move as L",
-                   "the target moved"):  # fmt: skip
+    for untrue in ("wrong_camera_model", "wrong_object", "covered the target", "the target moved",
+                   "is not the goal's target", "do not move as L"):  # fmt: skip
         assert untrue not in said, said

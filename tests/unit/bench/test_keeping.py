@@ -1,7 +1,4 @@
-"""Files of the live page: recordings that end unexpectedly, goals, and reports.
-
-Programs named roslaunch and rosrun, first on the PATH, do what those of ROS do on a graph.
-"""
+"""Files of the live page: recordings that end unexpectedly, goals, and reports."""
 
 import os
 import subprocess
@@ -34,8 +31,8 @@ exit ${STATUS:-0}
 """
 FULL = ("[ERROR] [1795337166.759, 0.012]: Less than 256M of space free on disk with {bag}.active. "
         "Disabling recording.\n")  # fmt: skip
-TORN = "[ERROR] [1795338141.830, 27.134]: Error writing to file: writing 4 bytes, wrote 1 bytes\n"
-DIED = "[record-2] process has died [pid 1, exit code -6, cmd /usr/lib/rosbag/record]\n"
+DIED = ("[ERROR] [1795338141.830, 27.134]: Error writing to file: writing 4 bytes, wrote 1 bytes\n"
+        "[record-2] process has died [pid 1, exit code -6, cmd /usr/lib/rosbag/record]\n")
 ENDED = ("[ERROR] the recorder (record) has ended: the disk of {bag} is full: make room, or "
          "record elsewhere. What it has recorded until then is in the bag\n"
          "[record-2] process has finished cleanly\n")  # fmt: skip
@@ -43,7 +40,7 @@ ENDED = ("[ERROR] the recorder (record) has ended: the disk of {bag} is full: ma
 
 @pytest.fixture
 def files(tmp_path, monkeypatch):
-    """Files of a page in a folder, with the programs; what they did is in the folder `state`."""
+    """Files of a page. Programs instead of those of ROS note in `state` what they did."""
     state = tmp_path / "state"
     state.mkdir()
     for name, text in (("roslaunch", ROSLAUNCH), ("rosrun", ROSRUN)):
@@ -58,62 +55,44 @@ def files(tmp_path, monkeypatch):
 
 @pytest.fixture
 def kept(files):
-    """The same while a bag is recorded."""
     files.start_recording()
     return files
 
 
-def say(files, text):
-    with (files.directory / "log" / "record.txt").open("a") as log:
-        log.write(text.format(bag=files.open_bag))
+@pytest.mark.parametrize(("text", "error", "told", "suffix"), [
+    (FULL, "the recorder has stopped: ", "Less than 256M.*; the bag contains the data be", ".bag"),
+    (ENDED, "the recorder (record) has ended", "is full: .*; the bag contains the data be", ".bag"),
+    (DIED, "", "Error writing to file", ".active"),
+])  # fmt: skip
+def test_what_stops_a_recorder_is_said_and_its_bag_kept(kept, tmp_path, text, error, told, suffix):
+    if text == DIED:
+        (tmp_path / "state" / "dead").touch()
+    with (kept.directory / "log" / "record.txt").open("a") as log:
+        log.write(text.format(bag=kept.open_bag))
+    assert kept.find_recording_error().startswith(error)
+    with pytest.raises(RefusedRequestError, match=f"{told}.*recorded "):
+        kept.stop_recording()
+    assert kept.last_bag.suffix == suffix and kept.open_bag is None
+    assert kept.last_bag.is_file()
 
 
-def test_a_recorder_that_writes_is_no_trouble(kept, tmp_path):
+def test_only_what_is_recorded_is_closed_and_reported(kept, tmp_path):
+    def refuse(act, why):
+        with pytest.raises(RefusedRequestError, match=why):
+            act()
+
+    refuse(kept.start_recording, f"^already recording to {kept.open_bag}$")
+    refuse(kept.make_report, "a bag is being recorded: stop the recording first")
+    Path(f"{kept.open_bag}.active").unlink()
+    refuse(kept.stop_recording, "^the recorder has written no bag: recording$")
+    refuse(kept.stop_recording, "^nothing is being recorded$")
+    refuse(kept.make_report, "^nothing has been recorded yet$")
+    kept.start_recording()
     assert kept.find_recording_error() == ""
     assert kept.stop_recording().startswith(f"recorded {kept.last_bag}")
     assert kept.last_bag.suffix == ".bag" and kept.find_recording_error() == ""
-    assert (tmp_path / "state" / "launched").read_text() == (
-        "aras_visual_servo_gazebo record.launch\nstopped\n")
-
-
-@pytest.mark.parametrize(("text", "error", "told"), [
-    (FULL, "the recorder has stopped: Less than 256M of space free on", "Less than 256M"),
-    (ENDED, "the recorder (record) has ended: the disk of ", "is full: "),
-])  # fmt: skip
-def test_what_stops_a_recorder_is_said_while_recording_and_at_its_end(kept, text, error, told):
-    say(kept, text)
-    assert kept.find_recording_error().startswith(error)
-    with pytest.raises(
-        RefusedRequestError, match=f"{told}.*; the bag contains the data bef.*: recorded"
-    ):
-        kept.stop_recording()
-    assert kept.last_bag.suffix == ".bag" and kept.last_bag.is_file()
-
-
-def test_of_a_recorder_that_died_the_unclosed_bag_is_kept_for_the_report(kept, tmp_path):
-    (tmp_path / "state" / "dead").touch()
-    say(kept, TORN + DIED)
-    with pytest.raises(
-        RefusedRequestError, match="Error writing to file.* error: recorded .*active"
-    ):
-        kept.stop_recording()
-    assert kept.last_bag.name.endswith(".bag.active") and kept.open_bag is None
-
-
-def test_what_is_not_recorded_is_neither_closed_nor_reported(kept):
-    with pytest.raises(RefusedRequestError, match=f"^already recording to {kept.open_bag}$"):
-        kept.start_recording()
-    with pytest.raises(
-        RefusedRequestError, match="a bag is being recorded: stop the recording first"
-    ):
-        kept.make_report()
-    Path(f"{kept.open_bag}.active").unlink()
-    with pytest.raises(RefusedRequestError, match="^the recorder has written no bag: recording$"):
-        kept.stop_recording()
-    with pytest.raises(RefusedRequestError, match="^nothing is being recorded$"):
-        kept.stop_recording()
-    with pytest.raises(RefusedRequestError, match="^nothing has been recorded yet$"):
-        kept.make_report()
+    ran = "aras_visual_servo_gazebo record.launch\nstopped\n"
+    assert (tmp_path / "state" / "launched").read_text() == ran
 
 
 @pytest.mark.parametrize(("said", "told", "lasts"), [
@@ -139,13 +118,13 @@ def test_a_recorder_that_does_not_begin_is_ended(files, tmp_path, monkeypatch, s
 
 
 def test_tools_are_run_to_their_end(kept, tmp_path, monkeypatch):
-    goal = kept.directory / "goals" / "mine.yaml"
+    goal, ran = kept.directory / "goals" / "mine.yaml", tmp_path / "state" / "run"
     assert kept.teach_goal("mine", "points") == f"stored the current view as goal mine: {goal}"
     kept.stop_recording()
     out = kept.directory / "report" / kept.last_bag.stem
     assert kept.make_report() == f"wrote the report into {out}"
     assert kept.report_page == f"{kept.last_bag.stem}/a.html"
-    assert goal.parent.is_dir() and (tmp_path / "state" / "run").read_text() == (
+    assert goal.parent.is_dir() and ran.read_text() == (
         f"aras_visual_servo_controller teach {goal} --scheme points --timeout 20.0\n"
         f"aras_visual_servo_bench analyze {kept.last_bag} --out {out} --formats \n")
     monkeypatch.setenv("STATUS", "1")

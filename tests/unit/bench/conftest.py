@@ -68,16 +68,16 @@ def pinhole(preset):
 @pytest.fixture(params=[False, True], ids=["screen", "paper"])
 def paper(request):
     """Run the test with figures in the style of a paper and in that of the screen."""
-    yield from looking(request.param)
+    yield from apply_style(request.param)
 
 
 @pytest.fixture
 def screen():
     """Draw figures in the style of the screen."""
-    yield from looking(False)
+    yield from apply_style(False)
 
 
-def looking(paper):
+def apply_style(paper):
     import matplotlib.pyplot as plt
 
     from aras_visual_servo_bench.plots import style

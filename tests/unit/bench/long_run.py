@@ -1,7 +1,5 @@
 """A long run made from a short one, whose last images and joint states repeat."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -2,14 +2,11 @@
 joint states that began before; unlike joints; tilted poses; fx other than fy; a target that moves.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench import Experiment, Run
 from aras_visual_servo_bench.recording.camera_record import CameraRecord
-from aras_visual_servo_bench.recording.run import Run
 from aras_visual_servo_bench.recording.verdict import Verdict
 from aras_visual_servo_bench.targets.geometry import PlacedTarget, PolygonTarget, TargetMotion
 from aras_visual_servo_camera.camera_model import CameraModel

@@ -1,7 +1,5 @@
 """Study folders with synthetic rows: any number of runs in seconds."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

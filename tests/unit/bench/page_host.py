@@ -1,7 +1,5 @@
 """Host of the live page without ROS: its robot follows requests, and requests are recorded."""
 
-from __future__ import annotations
-
 import threading
 
 import cv2

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.experiment.experiment import Experiment, TargetSpec
-from aras_visual_servo_bench.runner.loop import Loop
-from aras_visual_servo_bench.setup.assembly import assemble
+from aras_visual_servo_bench import Experiment, Loop, assemble
+from aras_visual_servo_bench.experiment.experiment import TargetSpec
 from aras_visual_servo_controller.observation.frame import Frame
 
 LATE = {"controller_parameters": {"lead": 0.002, "lag": 0.001}}
@@ -33,7 +32,6 @@ RUNS = {
 
 
 def finish(experiment, **watched):
-    """Run an experiment to its end."""
     loop = Loop(experiment, assemble(experiment), **watched)
     loop.run_to_end()
     done = loop.make_run()
@@ -61,11 +59,10 @@ def test_a_run_is_the_same_to_the_bit_whoever_answers_the_joint_states(options):
 
 @pytest.mark.parametrize("plant", ["bullet", "chain", "free"])
 def test_joint_states_between_two_images_are_processed_in_compiled_code(plant):
-    experiment = Experiment(plant=plant)
+    experiment, readings = Experiment(plant=plant), []
     loop = Loop(experiment, assemble(experiment))
     for _ in range(3):
         loop.run_to_image()
-    readings = []
     while len(readings) < 3:
         readings += loop.plant.advance(10**9)
     loop.close()

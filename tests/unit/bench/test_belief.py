@@ -4,19 +4,13 @@ import numpy as np
 import pytest
 from frames import take_frames
 
-from aras_visual_servo_base.poses import (
-    exponential,
-    inverse,
-    matrix_from_xyz_rpy,
-    pose_difference,
-    xyz_rpy_from_matrix,
-)
+from aras_visual_servo_base import poses
+from aras_visual_servo_base.poses import exponential, inverse, matrix_from_xyz_rpy
+from aras_visual_servo_bench import Experiment, assemble, run
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.experiment.robots import Robot
 from aras_visual_servo_bench.plants.imaging import capture
-from aras_visual_servo_bench.runner.loop import run
-from aras_visual_servo_bench.setup.assembly import assemble, check
+from aras_visual_servo_bench.setup.assembly import check
 from aras_visual_servo_controller.observation.frame import Frame
 
 SHAPE = [[-0.025, -0.03], [0.03, -0.025], [0.025, 0.02], [-0.015, 0.025]]
@@ -34,8 +28,7 @@ WRONG = {"focal": {"focal": 1.3}, "centre": {"centre": [10.0, -6.0]},
 
 
 def posed(pose):
-    xyz, rpy = xyz_rpy_from_matrix(pose)
-    return {"pose": [*xyz, *rpy]}
+    return {"pose": [*np.concatenate(poses.xyz_rpy_from_matrix(pose))]}
 
 
 def flying(away=NEAR, wrong="", **changes):
@@ -81,7 +74,7 @@ def test_the_goal_is_where_the_true_camera_stood_when_it_was_shown(plant, goal):
     np.testing.assert_allclose(
         parts.servo.goal.world_T_camera, believed.pose(np.array(JOINTS)), atol=1e-9
     )
-    assert min(pose_difference(parts.goal_pose, parts.servo.goal.world_T_camera)) > 0.01
+    assert min(poses.pose_difference(parts.goal_pose, parts.servo.goal.world_T_camera)) > 0.01
 
 
 @pytest.mark.parametrize("plant", ["chain", "free", "ideal"])

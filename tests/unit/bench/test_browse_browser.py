@@ -75,12 +75,6 @@ def press(tab, selector, at=0):
     tab.js(f"all({selector!r})[{at}].click()")
 
 
-def open_run(tab, at=0):
-    """Open the panel of a run."""
-    press(tab, "#rows tbody tr", at)
-    tab.wait("!one('#run').hidden")
-
-
 def wait_for_count(tab, text):
     tab.wait(f"one('#run-count').textContent.startsWith({text!r})")
 
@@ -110,7 +104,8 @@ def test_a_filter_a_cell_and_a_run(page):
 def test_the_report_of_a_run_is_computed_and_shown(page, watched, folder):
     only(page, "run")
     page.wait("all('#rows tbody tr').length === 2")
-    open_run(page, 1)
+    press(page, "#rows tbody tr", 1)
+    page.wait("!one('#run').hidden")
     shutil.rmtree(folder / "run" / "show-1", ignore_errors=True)
     tab = watched(page.js("one('#run a').href"), SIZES[0],
                   "one('#waiting')?.textContent.includes('Repeating the run')")  # fmt: skip
@@ -138,38 +133,39 @@ def test_distances_are_filtered_in_the_unit_that_is_shown(page, folder):
         return all("#rows tbody tr").map((r) => [+r.dataset.run, +r.cells[at].innerText]); })()""")
     known = table.set_index("run").final_distance
     assert [v for _, v in shown] == pytest.approx([1e3 * known[run] for run, _ in shown], rel=1e-2)
-    open_run(page)
+    press(page, "#rows tbody tr")
+    page.wait("!one('#run').hidden")
     rows = page.js("all('#run tr').map((r) => r.innerText.split(/\\s+/))")
     (found,) = (row for row in rows if row[0] == "final_distance")
     assert found[2] == "mm" and float(found[1]) == pytest.approx(shown[0][1], rel=1e-2)
 
 
-def drag(page, points):
-    """Press the mouse at the first of some points (px) of the chart of points, until the last."""
+def place_points(page):
+    """Show the chart of points, and return the left, top, width and height of its area, px."""
     page.js("one('#points').scrollIntoView({block: 'center'})")
     settle(page)
-    left, top, width, height = page.js("(({x, y, width, height}) => [x, y, width, height])"
-        "(arasBrowser.points.plot.over.getBoundingClientRect())")  # fmt: skip
-    places = [(left + x, top + y) for x, y in points(width, height)]
-    page.mouse("Moved", *places[0])
-    if len(places) == 1:
-        page.wait("one('#point').textContent.includes('made, run ')")
-    page.mouse("Pressed", *places[0])
-    for place in places[1:]:
-        page.mouse("Moved", *place, held=True)
-    page.mouse("Released", *places[-1])
+    return page.js("(({x, y, width, height}) => [x, y, width, height])"
+                   "(arasBrowser.points.plot.over.getBoundingClientRect())")  # fmt: skip
 
 
 def test_points_are_pressed_and_boxed(page):
     only(page, "made")
+    x, y, *_ = place_points(page)
     at = page.js("""(() => { const p = arasBrowser.points, u = p.plot, k = devicePixelRatio;
         return [(p.px[7] - u.bbox.left) / k, (p.py[7] - u.bbox.top) / k]; })()""")
-    drag(page, lambda width, height: [at])
+    at = x + at[0], y + at[1]
+    page.mouse("Moved", *at)
+    page.wait("one('#point').textContent.includes('made, run ')")
+    page.mouse("Pressed", *at)
+    page.mouse("Released", *at)
     page.wait("!one('#run').hidden")
     page.call("Input.dispatchKeyEvent", type="keyDown", key="Escape", code="Escape")
     page.wait("one('#run').hidden")
-    drag(page, lambda width, height: [
-        (0.6 * width, 2), (0.8 * width, 0.5 * height), (0.99 * width, height - 2)])  # fmt: skip
+    x, y, width, height = place_points(page)
+    page.mouse("Pressed", x + 0.6 * width, y + 2)
+    page.mouse("Moved", x + 0.8 * width, y + 0.5 * height, held=True)
+    page.mouse("Moved", x + 0.99 * width, y + height - 2, held=True)
+    page.mouse("Released", x + 0.99 * width, y + height - 2)
     page.wait("arasBrowser.view.filters.length === 4")
     wait_for_count(page, "80 of 160 runs")  # delays of 0.2 and 0.3
 
@@ -217,11 +213,10 @@ def test_columns_sort_group_and_hide(page, folder):
 
 def test_two_studies_are_compared(page):
     choose(page, first="made", second="run")
-    page.js("one('#chance').checked = true")
+    press(page, "#chance")
     press(page, "#pair button")
     page.wait("all('#differences tbody tr').length > 3", 60.0)
-    text = page.js("one('#comparison').textContent")
-    assert "comparisons show a significant difference" in text
+    assert page.js("/ significant difference/.test(one('#comparison').textContent)")
 
 
 def test_what_is_wrong_is_said_and_a_study_that_grows_and_goes_is_followed(page, folder):

@@ -7,14 +7,13 @@ from aras_sim_bridge.camera import mounting
 from aras_sim_bridge.errors import CameraError
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy, optical_pose, xyz_rpy_from_matrix
 from aras_visual_servo_base.urdf import parse_tree
+from aras_visual_servo_bench import Experiment, assemble
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.experiment.hand_eye_poses import (
     with_calibration_offsets,
     with_fixed_cameras,
 )
 from aras_visual_servo_bench.experiment.robots import Robot
-from aras_visual_servo_bench.setup.assembly import assemble
 
 OFF = matrix_from_xyz_rpy((0.004, -0.003, 0.006), (0.02, -0.03, 0.05))
 PLACE = matrix_from_xyz_rpy((0.3, -0.2, 0.9), (3.0, 0.1, 0.4))

@@ -138,8 +138,8 @@ def test_a_camera_sits_in_the_hand_or_stands():
     link[:3, :3] = [[0, 0, 1], [-1, 0, 0], [0, -1, 0]]
     seat = matrix_from_xyz_rpy((0.1, 0.2, 0.3), (0.1, -0.2, 0.3))
     held = CameraSpec(xyz=(0.1, 0.2, 0.3), rpy=(0.1, -0.2, 0.3))
-    np.testing.assert_allclose(held.compute_pose(), link.T @ seat @ link, atol=1e-12)
     stands = CameraSpec(pose=(0.1, 0.2, 0.3, 0.1, -0.2, 0.3))
+    np.testing.assert_allclose(held.compute_pose(), link.T @ seat @ link, atol=1e-12)
     np.testing.assert_allclose(stands.compute_pose(), seat, atol=1e-12)
     assert CameraSpec().is_in_description and CameraSpec(frame="f").is_in_description
     for spec in (held, stands, CameraSpec(rpy=(0, 0, 0.1))):
@@ -156,30 +156,22 @@ def test_a_camera_is_read_with_its_rate(tmp_path):
     assert eye.true_camera.K == (50.0, 0, 30.0, 0, 60.0, 20.0, 0, 0, 1)
     assert eye.calibrated_camera.K[:6:4] == (100.0, 120.0)
     assert CameraSetup.read("a", CameraSpec(settings), packages, ROBOT, {}).rate == 20.0
-    del settings["update_rate"]
-    assert CameraSetup.read("a", CameraSpec(settings), packages, ROBOT, {}).rate == 30.0
-    own = tmp_path / "own.yaml"
+    original, own = read_preset("original", packages, ROBOT), tmp_path / "own.yaml"
     own.write_text("width: 64\neffects: {gain: 2.0}\n")
-    assert read_preset(str(own), packages, ROBOT) == {"width": 64, "effects": {"gain": 2.0}}
-    original = read_preset("original", packages, ROBOT)
-    assert original["width"] == 320
-    # Keys lie over a preset, or a file, key by key.
-    for given, wanted in (
-        ({"width": 64}, {"width": 64}),
+    for given, wanted in (  # keys lie over a preset, or a file, key by key
+        (str(own), {"width": 64, "effects": {"gain": 2.0}}), ({"width": 64}, {"width": 64}),
         ({"preset": "noisy", "effects": {"gain": 0.5}},
          {**original, "effects": {"noise_stddev": 5.0, "gain": 0.5}}),
         ({"preset": str(own), "effects": {"exposure": 0.5}},
          {"width": 64, "effects": {"gain": 2.0, "exposure": 0.5}}),
-    ):
+    ):  # fmt: skip
         assert read_preset(given, packages, ROBOT) == wanted
-    (tmp_path / "list.yml").write_text("[1, 2]")
+    own.write_text("[1, 2]")
     for wrong, words in (({"preset": 3}, "camera.preset is 3, must be the name of a preset"),
                          ("orignal", "no preset: did you mean 'original'"),
-                         (str(tmp_path / "list.yml"), "contains no mapping")):
+                         (str(own), "contains no mapping"), ({"widht": 3}, "widht")):
         with pytest.raises(ExperimentError, match=words):
-            read_preset(wrong, packages, ROBOT)
-    with pytest.raises(ExperimentError, match="widht"):
-        cameras.make_camera_config({"widht": 3})
+            cameras.make_camera_config(read_preset(wrong, packages, ROBOT))
 
 
 def eye(name, rate, delay=0.0):

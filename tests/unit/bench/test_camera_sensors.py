@@ -1,7 +1,5 @@
 """Sensors of cameras on every plant: a rolling shutter, noise, a mosaic, auto exposure."""
 
-from __future__ import annotations
-
 import contextlib
 from dataclasses import replace
 
@@ -12,13 +10,11 @@ from test_plants import SQUARE, START, bullet, until
 from aras_sim_bridge.camera.effects import Effects
 from aras_sim_bridge.camera.shutter import make_row_bands
 from aras_visual_servo_base.poses import exponential
+from aras_visual_servo_bench import Experiment, assemble, run
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.plants.free_camera_kinematics import FreeCameraKinematics
 from aras_visual_servo_bench.plants.imaging import ImagingSettings, capture
 from aras_visual_servo_bench.plants.kinematic import FreeCamera
-from aras_visual_servo_bench.runner.loop import run
-from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.targets.geometry import PlacedTarget
 from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_controller.observation.frame import Frame

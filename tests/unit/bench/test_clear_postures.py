@@ -8,10 +8,8 @@ import pytest
 from made_arm import write_arm
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
+from aras_visual_servo_bench import Experiment, Loop, assemble, run
 from aras_visual_servo_bench.errors import log_once
-from aras_visual_servo_bench.experiment.experiment import Experiment
-from aras_visual_servo_bench.runner.loop import Loop, run
-from aras_visual_servo_bench.setup.assembly import assemble
 
 
 def solid(at, size):

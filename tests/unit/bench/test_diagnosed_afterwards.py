@@ -1,15 +1,11 @@
 """Diagnosis from the record of a run gives the same result as during the run."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 
 import pytest
 
-from aras_visual_servo_bench.experiment.experiment import Experiment
-from aras_visual_servo_bench.runner.loop import Loop
-from aras_visual_servo_bench.setup.assembly import assemble
+from aras_visual_servo_bench import Experiment, Loop, assemble
 from aras_visual_servo_controller.diagnosis.diagnosis import diagnose
 from aras_visual_servo_controller.records.run_record import ImageRecord
 

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from aras_visual_servo_base.poses import inverse, matrix_from_xyz_rpy
-from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench import Experiment, Loop, assemble
 from aras_visual_servo_bench.runner.ideal_run_termination import IdealRunTermination
-from aras_visual_servo_bench.runner.loop import Loop
-from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_controller.records.outcomes import Outcome
 from aras_visual_servo_controller.records.state import CONVERGED, SERVOING, ServoState
 from aras_visual_servo_controller.schemes import SchemeOutput
@@ -21,14 +19,13 @@ def looks_down(z, x=0.0, turn=0.0):
     return matrix_from_xyz_rpy((x, 0.0, z), (np.pi, 0.0, turn))
 
 
-def ending(ideal=None, first=(2.0, 0.4), goal=(1.0, 0.0), motion=None, **keys):
+def ending(ideal=None, first=(2.0, 0.400001), goal=(1.0, 0.0), motion=None, **keys):
     """Ten images a second, from 2 m above a target to 1 m; (depth, turn) and (depth, x)."""
     keys = {"duration": 0.5, "time_after_convergence": None, **keys}
     target = {"shape": [[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1]], "pose": [0.0] * 6}
     experiment = Experiment.from_mapping({
         "plant": "ideal", "features": "exact", "scheme": "points", "ideal": ideal or {},
-        "camera": {**EYE, "update_rate": 10.0},
-        "target": target | ({"motion": motion} if motion else {}),
+        "camera": {**EYE, "update_rate": 10.0}, "target": {**target, "motion": motion or {}},
         "start": {"pose": [0.0, 0.0, first[0], np.pi, 0.0, first[1]]},
         "goal": {"pose": [goal[1], 0.0, goal[0], np.pi, 0.0, 0.0]}, **keys})  # fmt: skip
     return IdealRunTermination(experiment, assemble(experiment))
@@ -41,19 +38,11 @@ def state(error=(1.0, 1.0), phase=SERVOING, outcome="running", stamp=0.0):
     return ServoState(stamp, phase, outcome=outcome, reason="it is dark", scheme_output=output)
 
 
-def count_images(found, states):
-    """Return the number of images, 0.1 s apart, after which it is over; None: it is not over."""
-    for count, one in enumerate(states, 1):
-        found.add_image(replace(one, stamp=0.1 * (count - 1)), looks_down(2.0))
-        if found.is_over:
-            return count
-    return None
-
-
 THERE, BLIND = state(phase=CONVERGED), state(None)
+SMALLER = [state((1.0, y)) for y in (0.6, 0.5, 0.4)]
 
 
-@pytest.mark.parametrize(("keys", "states", "count", "kind"), [
+@pytest.mark.parametrize(("keys", "images", "count", "kind"), [
     ({}, [state()] * 9, 6, None),  # at 0.5 s
     # at 0.2 s and 0.3 s more
     ({"time_after_convergence": 0.3, "duration": 9.0}, [state()] * 2 + [THERE] * 9, 6, None),
@@ -62,37 +51,33 @@ THERE, BLIND = state(phase=CONVERGED), state(None)
     ({"duration": 1.0}, [THERE] * 20, 11, None),
     ({"ideal": {"stop": 1e-9}, "time_after_convergence": 0.1, "duration": 1.0},
      [THERE] * 20, 11, None),
-    ({"ideal": {"stop": 1.25}}, [state((1.0, y)) for y in (0.6, 0.5, 0.4)], 3, "converged"),
-    ({}, [state((1.0, y)) for y in (0.6, 0.5, 0.4)], None, None),
+    ({"ideal": {"stop": 1.25}}, SMALLER, 3, "converged"), ({}, SMALLER, None, None),
     ({"duration": 9.0}, [BLIND] * 4 + [state()] + [BLIND] * 9, 10, "target_lost"),
     ({"duration": 9.0}, [state(None, outcome="no_progress")] * 9, 5, None),
     ({"ideal": {"stop": 9.0}, "duration": 9.0}, [state(outcome="scheme_fault")], 1, None),
+    # by the true pose
+    ({"ideal": {"enough": 0.5}}, [looks_down(1.51, turn=0.1), looks_down(1.4, turn=0.21),
+                                  looks_down(1.5, turn=0.2)], 3, "converged"),
+    ({"ideal": {"enough": 0.5}}, [looks_down(0.6, turn=-0.1)], 1, "converged"),
+    ({"ideal": {"farthest": 1.5}}, [looks_down(1.0, x=1.499), looks_down(1.0, x=1.501)],
+     2, "no_progress"),
+    ({"ideal": {"enough": 0.1, "farthest": 5.0}}, [looks_down(1.05, turn=0.01)], 1, "converged"),
 ])  # fmt: skip
-def test_it_is_over_by_time_convergence_error_or_five_images_without_a_measurement(
-    keys, states, count, kind
+def test_it_is_over_by_time_error_pose_or_five_images_without_a_measurement(
+    keys, images, count, kind
 ):
-    found = ending(**keys)
-    assert count_images(found, states) == count
-    assert getattr(found.outcome, "kind", None) == kind
-    if kind == "target_lost":
-        assert found.outcome.reason == "no measurement any more: it is dark"
-
-
-@pytest.mark.parametrize(("ideal", "pose", "kind"), [
-    ({"enough": 0.5}, looks_down(1.5, turn=0.2), "converged"),
-    ({"enough": 0.5}, looks_down(1.51, turn=0.1), None),
-    ({"enough": 0.5}, looks_down(1.4, turn=0.21), None),
-    ({"enough": 0.5}, looks_down(0.6, turn=-0.1), "converged"),
-    ({"farthest": 1.5}, looks_down(1.0, x=1.499), None),
-    ({"farthest": 1.5}, looks_down(1.0, x=1.501), "no_progress"),
-    ({"enough": 0.1, "farthest": 5.0}, looks_down(1.05, turn=0.01), "converged"),
-])  # fmt: skip
-def test_it_is_over_near_enough_to_its_goal_or_too_far_from_it(ideal, pose, kind):
-    found = ending(ideal, first=(2.0, 0.400001))
-    found.add_image(state(), pose)
-    assert found.is_over is bool(kind) and getattr(found.outcome, "kind", None) == kind
-    if kind == "no_progress":
-        assert found.outcome.reason.startswith("the camera is 1.50 m from its goal, more than at i")
+    found, over = ending(**keys), None
+    for i, one in enumerate(images):
+        is_pose = isinstance(one, np.ndarray)
+        found.add_image(replace(state() if is_pose else one, stamp=0.1 * i),
+                        one if is_pose else looks_down(2.0))  # fmt: skip
+        if found.is_over:
+            over = i + 1
+            break
+    assert over == count and getattr(found.outcome, "kind", None) == kind
+    why = {"target_lost": "no measurement any more: it is dark",
+           "no_progress": "the camera is 1.50 m from its goal, more than at its start"}  # fmt: skip
+    assert kind not in why or found.outcome.reason == why[kind]
 
 
 @pytest.mark.parametrize(("first", "goal", "depths", "word"), [

@@ -1,7 +1,5 @@
 """The loop of docs/examples, written out: it agrees with the textbook's equations."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -16,10 +16,8 @@ echo "$1 $2" > "$STATE/launched"
 stop() { echo stopped >> "$STATE/launched"; [ ! -e "$bag.active" ] || [ -e "$STATE/dead" ] || \
 mv "$bag.active" "$bag"; exit; }
 trap stop INT
-case "$RECORDER" in
-    "") echo recording; echo '#ROSBAG V2.0' > "$bag.active";;
-    *) echo "$RECORDER";;
-esac
+if [ -n "$RECORDER" ]; then echo "$RECORDER"
+else echo recording; echo '#ROSBAG V2.0' > "$bag.active"; fi
 while :; do sleep 0.02; done
 """
 ROSRUN = """#!/bin/sh

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
+from aras_visual_servo_bench import Experiment, assemble, run
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.experiment.experiment import Experiment
-from aras_visual_servo_bench.runner.loop import run
-from aras_visual_servo_bench.setup.assembly import assemble
 
 EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
 PLACE, TURN, SIZE = (0.45, 0.05, 0.081), 0.3, (0.08, 0.05, 0.06)

@@ -5,10 +5,8 @@ import numpy as np
 import pytest
 import yaml
 
+from aras_visual_servo_bench import Experiment, assemble, run
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.experiment.experiment import Experiment
-from aras_visual_servo_bench.runner.loop import run
-from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.detection_pipeline import DetectionPipeline
 from aras_visual_servo_camera.errors import VisionError, VisionParameterError
@@ -157,12 +155,12 @@ def test_the_loop_keeps_to_its_marker(tmp_path, given, number):
     assert done.outcome.startswith("converged") and done.verdict.distance < 1e-3
 
 
-def test_the_target_marker_is_drawn_as_the_one_that_is_chosen():
-    for given in ("6X6_250:17", "ARUCO_ORIGINAL:1023", "APRILTAG_16h5:29", 12):
-        experiment = Experiment(
-            target={"shape": "marker", "size": [0.1, 0.1], "marker": given}, scheme="pose",
-            start={"pose": [0.02, -0.02, 0.45, 3.1, 0.05, 0.3]}, **FREE,
-        )  # fmt: skip
-        assert assemble(experiment).goal.marker.endswith(str(given).rpartition(":")[2])
+@pytest.mark.parametrize("given", ["6X6_250:17", "ARUCO_ORIGINAL:1023", "APRILTAG_16h5:29", 12])
+def test_the_target_marker_is_drawn_as_the_one_that_is_chosen(given):
+    goal = assemble(Experiment(
+        target={"shape": "marker", "size": [0.1, 0.1], "marker": given}, scheme="pose",
+        start={"pose": [0.02, -0.02, 0.45, 3.1, 0.05, 0.3]}, **FREE,
+    )).goal  # fmt: skip
+    assert goal.marker.endswith(str(given).rpartition(":")[2])
     with pytest.raises(ExperimentError, match="applies only to a target that shows markers"):
-        Experiment(target={"shape": "l_shape", "marker": 3}, **FREE)
+        Experiment(target={"shape": "l_shape", "marker": given}, **FREE)

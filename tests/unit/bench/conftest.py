@@ -7,9 +7,7 @@ from pathlib import Path
 import pytest
 
 HERE = Path(__file__).resolve().parent
-for folder in (HERE, HERE.parent / "world"):
-    if str(folder) not in sys.path:
-        sys.path.insert(0, str(folder))
+sys.path[:0] = [str(one) for one in (HERE.parent / "world", HERE) if str(one) not in sys.path]
 
 from aras_visual_servo_bench.experiment import cameras  # noqa: E402
 from aras_visual_servo_bench.experiment.robots import Robot, RobotSpec  # noqa: E402
@@ -36,11 +34,7 @@ def host(robot, pinhole):
 @pytest.fixture
 def reports(host):
     """Function that sets how the host finds the file of a report, until the test ends."""
-
-    def set_reports(find_report):
-        host.find_report = find_report
-
-    yield set_reports
+    yield lambda find_report: setattr(host, "find_report", find_report)
     del host.find_report
 
 
@@ -104,7 +98,7 @@ def browser():
 def watched(browser):
     """Function that opens an address in a tab of a given width.
 
-    In the tab, `wrong` lists the errors, and `all(selector)` and `one(selector)` find elements.
+    In the tab, `wrong` lists errors; `one(selector)` and `all(selector)` find elements.
     """
 
     def open_watched(address, width, ready):

@@ -55,10 +55,7 @@ def served(folder):
 
 @pytest.fixture(scope="module")
 def ask(served):
-    def question(do, **asked):
-        return served.answer_query(json.dumps({"do": do, **asked}))
-
-    return question
+    return lambda do, **asked: served.answer_query(json.dumps({"do": do, **asked}))
 
 
 @pytest.fixture(scope="module")
@@ -299,7 +296,7 @@ def real(tmp_path_factory):
 
 @pytest.fixture
 def seen(real):
-    return Studies([real.path]).read_snapshot(is_forced=True).studies[0]
+    return Studies([real.path]).read_snapshot().studies[0]
 
 
 def wait_for_report(reports, seen, run):

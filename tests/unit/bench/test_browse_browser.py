@@ -170,22 +170,6 @@ def test_points_are_pressed_and_boxed(page):
     wait_for_count(page, "80 of 160 runs")  # delays of 0.2 and 0.3
 
 
-def check_groups(page, folder):
-    """The table of groups by gain, recomputed from the rows."""
-    table = pd.read_parquet(folder / "made" / "parts")
-    head, *rows = page.js(
-        "all('#group-table tr').map((r) => [...r.cells].map((c) => c.innerText))")
-    assert head[:4] == ["gain (1/s)", "runs", "success (%)", "95 % interval"]
-    at = head.index("final_distance (mm)")
-    for cells, (gain, group) in zip(rows, table.groupby("gain"), strict=True):
-        assert [float(cells[0]), int(cells[1])] == [gain, len(group)]
-        assert abs(float(cells[2]) - 100 * group.success.mean()) <= 0.5
-        wilson = proportion_confint(group.success.sum(), len(group), method="wilson")
-        told = [float(text) for text in cells[3].split(" – ")]
-        assert told == pytest.approx([100 * end for end in wilson], abs=0.501), cells
-        assert float(cells[at]) == pytest.approx(1e3 * group.final_distance.median(), rel=6e-3)
-
-
 def test_columns_sort_group_and_hide(page, folder):
     only(page, "made")
     header = "all('#rows th').find((h) => h.innerText.startsWith('final_distance'))"
@@ -199,7 +183,18 @@ def test_columns_sort_group_and_hide(page, folder):
     choose(page, by_0="gain", by_1="")
     settle(page)
     page.wait("all('#group-table tbody tr').length === 4")
-    check_groups(page, folder)
+    table = pd.read_parquet(folder / "made" / "parts")
+    head, *rows = page.js(
+        "all('#group-table tr').map((r) => [...r.cells].map((c) => c.innerText))")
+    assert head[:4] == ["gain (1/s)", "runs", "success (%)", "95 % interval"]
+    at = head.index("final_distance (mm)")
+    for cells, (gain, group) in zip(rows, table.groupby("gain"), strict=True):
+        assert [float(cells[0]), int(cells[1])] == [gain, len(group)]
+        wilson = proportion_confint(group.success.sum(), len(group), method="wilson")
+        told = [float(text) for text in (cells[2], *cells[3].split(" – "))]
+        wanted = [100 * part for part in (group.success.mean(), *wilson)]
+        assert told == pytest.approx(wanted, abs=0.501), cells
+        assert float(cells[at]) == pytest.approx(1e3 * group.final_distance.median(), rel=6e-3)
     press(page, "#group-table tbody tr", 3)
     wait_for_count(page, "40 of 160 runs")
     page.js("""all("#columns label").find((l) => l.textContent === " final_distance")

@@ -84,19 +84,11 @@ def test_an_operator_compares_as_pandas_does(look, table):
             assert operator in "=≤≥≠" or 0 < wanted.sum() < COUNT
 
 
-def test_truth_values_are_equal_or_not(look, table):
+def test_other_filters_select_what_is_true_known_or_contained(look, table):
     for value, wanted in ((True, True), (1.0, True), ("true", True), ("True", True), (False, False),
                           (0.0, False), ("no", False)):  # fmt: skip
         assert chosen(look, ("flag", "=", value)) == where(table.flag.eq(wanted)), value
         assert chosen(look, ("flag", "≠", value)) == where(table.flag.eq(not wanted)), value
-    with pytest.raises(StudyError, match="flag is true or false; use the operator = or ≠"):
-        chosen(look, ("flag", "<", True))
-    for value in ("x", None):
-        with pytest.raises(StudyError, match="step contains numbers, and .* is not a number"):
-            chosen(look, ("step", "=", value))
-
-
-def test_what_is_known_and_what_words_contain(look, table):
     for column in ("gain", "step", "distance", "word", "flag"):
         known = table[column].notna() & (table[column] != "")
         assert chosen(look, (column, "is known")) == where(known)
@@ -105,14 +97,20 @@ def test_what_is_known_and_what_words_contain(look, table):
     assert chosen(look, ("word", "contains", "lEFT")) == where(left)
     nine = table.step.astype(str).str.contains("9")
     assert chosen(look, ("step", "contains", 9)) == where(nine)
-    assert chosen(look, ("word", "=", "Left 1"), ("step", "<", 300)) == where(
-        table.word.eq("Left 1") & table.step.lt(300))  # fmt: skip
+    both = table.word.eq("Left 1") & table.step.lt(300)
+    assert chosen(look, ("word", "=", "Left 1"), ("step", "<", 300)) == where(both)
     assert chosen(look, studies=("a",)) == list(range(150, COUNT))
     assert chosen(look, studies=("b", "a")) == chosen(look) == list(range(COUNT))
-    assert chosen(look, ("word", "=", 3)) == []
-    with pytest.raises(StudyError, match="no study 'd'"):
-        chosen(look, studies=("a", "d"))
+    assert not chosen(look, ("word", "=", 3))
     assert not chosen(StudiesSnapshot(0, (), pa.table({})), studies=("a",))
+    for wrong, studies, why in (
+        (("flag", "<", True), (), "flag is true or false; use the operator = or ≠"),
+        (("step", "=", "x"), (), "step contains numbers, and 'x' is not a number"),
+        (("step", "=", None), (), "step contains numbers, and .* is not a number"),
+        (("step", "=", 1), ("a", "d"), "no study 'd'"),
+    ):
+        with pytest.raises(StudyError, match=why):
+            chosen(look, wrong, studies=studies)
 
 
 def test_columns_are_told_with_their_units_and_the_values_of_those_that_take_few(look):
@@ -198,38 +196,35 @@ def test_few_values_have_a_cell_each_and_many_numbers_a_range(look, table):
 
 
 def test_groups_are_those_of_pandas(look, table):
-    told = queries.compute_groups(look, GroupQuery(
-        ("a",), (ColumnFilter("step", "<", 350),), ("word", "gain"), ("angle", "distance")
-    ))  # fmt: skip
+    def ask(*filters, **asked):
+        filters = tuple(ColumnFilter(*one) for one in filters)
+        told = queries.compute_groups(look, GroupQuery(filters=filters, **asked))
+        return told["count"], told["groups"]
+
+    def find_failures(rows):
+        """Texts of the most frequent outcomes of the rows that failed."""
+        ends = rows[rows.success != 1].end.fillna("unknown").value_counts()
+        return [f"{n} × {end}" for end, n in ends.items() if n == ends.max()] or [""]
+
+    count, told = ask(("step", "<", 350), studies=("a",), by=("word", "gain"),
+                      values=("angle", "distance"))  # fmt: skip
     mine = table[(table.study == "a") & (table.step < 350)]
     groups = dict(list(mine.groupby(["word", "gain"])))
-    assert told["count"] == len(told["groups"]) == len(groups) > 20
-    for one in told["groups"]:
+    assert count == len(told) == len(groups) > 20
+    for one in told:
         own = groups.pop(tuple(one["values"]))
-        hits = int(own.success.sum())
-        assert (one["runs"], one["rate"][0]) == (len(own), hits / len(own))
+        assert (one["runs"], one["rate"][0]) == (len(own), own.success.sum() / len(own))
         middles = own[["angle", "distance"]].replace(np.inf, np.nan).median()
         assert one["estimates"] == [[pytest.approx(m)] for m in middles]
         assert one["bounds"] == [["word", "=", one["values"][0]], ["gain", "=", one["values"][1]]]
         assert one["failure"] in find_failures(own)
-    assert groups == {}
-    (whole,) = queries.compute_groups(look, GroupQuery())["groups"]
-    assert whole["failure"] in find_failures(table)
-    many = queries.compute_groups(look, GroupQuery(by=("name", "word")))
-    count = table.dropna(subset=["word"]).groupby(["name", "word"]).ngroups
-    assert (many["count"], len(many["groups"])) == (count, 200) and count > 200
-    for filters, count in (((), 12), ((ColumnFilter("step", "<", 200),), 200)):  # 390: ranges
-        each = queries.compute_groups(look, GroupQuery((), filters, ("step",)))
-        assert sum(one["runs"] for one in each["groups"]) == (200 if filters else COUNT)
-        assert each["count"] == count
-    nothing = GroupQuery((), (ColumnFilter("step", "<", -1),), ("gain", "word"), ("angle",))
-    assert queries.compute_groups(look, nothing) == {"count": 0, "groups": []}
-
-
-def find_failures(rows):
-    """Texts of the most frequent outcomes of the rows that failed."""
-    ends = rows[rows.success != 1].end.fillna("unknown").value_counts()
-    return [f"{n} × {end}" for end, n in ends.items() if n == ends.max()] or [""]
+    assert ask()[1][0]["failure"] in find_failures(table)
+    count, many = ask(by=("name", "word"))
+    assert len(many) == 200 < count == table.dropna(subset="word").groupby(["name", "word"]).ngroups
+    for filters, count in (((), 12), ((("step", "<", 200),), 200)):  # 390: ranges
+        found, each = ask(*filters, by=("step",))
+        assert (found, sum(one["runs"] for one in each)) == (count, 200 if filters else COUNT)
+    assert ask(("step", "<", -1), by=("gain", "word"), values=("angle",)) == (0, [])
 
 
 def test_a_map_s_cells_are_those_of_pandas(look, table):

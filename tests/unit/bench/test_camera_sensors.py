@@ -1,11 +1,10 @@
 """Sensors of cameras on every plant: a rolling shutter, noise, a mosaic, auto exposure."""
 
-import contextlib
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_plants import SQUARE, START, bullet, until
+from test_plants import SQUARE, until
 
 from aras_sim_bridge.camera.effects import Effects
 from aras_sim_bridge.camera.shutter import make_row_bands
@@ -72,24 +71,6 @@ def test_a_picture_is_made_of_rows_of_the_pictures_of_their_instants(depth):
     assert np.abs(found.image.astype(int) - middle.image).max() > 50
     if depth:
         np.testing.assert_allclose(found.depth, middle.depth, rtol=5e-3)
-
-
-def test_a_stretch_of_steps_sees_what_single_steps_see(robot, preset):
-    effects = {"row_time": 6e-5, "exposure_time": 0.003, "exposure_samples": 3,
-               "sensor": {"gain": 0.02, "full_well": 12e3, "read_noise": 30.0}}  # fmt: skip
-    taken = []
-    for step_ns in (1_000_000, 10**9):
-        plant, found = bullet(robot, preset, camera={"effects": effects}, seed=4), []
-        with contextlib.closing(plant):
-            plant.command("position", START + [0.0, 0.0, 0.1, 0.0, 0.0, 0.5])
-            while plant.time_ns < 120_000_000:
-                found += plant.advance(min(plant.time_ns + step_ns, 120_000_000))
-        taken.append([one for one in found if isinstance(one, Frame)])
-    one, other = taken
-    assert len(one) == len(other) == 3
-    for a, b in zip(one, other, strict=True):
-        assert a.stamp_ns == b.stamp_ns
-        np.testing.assert_array_equal(a.image, b.image)
 
 
 @pytest.mark.parametrize(("keys", "told"), [

@@ -32,8 +32,7 @@ FULL = ("[ERROR] [1795337166.759, 0.012]: Less than 256M of space free on disk w
 DIED = ("[ERROR] [1795338141.830, 27.134]: Error writing to file: writing 4 bytes, wrote 1 bytes\n"
         "[record-2] process has died [pid 1, exit code -6, cmd /usr/lib/rosbag/record]\n")
 ENDED = ("[ERROR] the recorder (record) has ended: the disk of {bag} is full: make room, or "
-         "record elsewhere. What it has recorded until then is in the bag\n"
-         "[record-2] process has finished cleanly\n")  # fmt: skip
+         "record elsewhere\n[record-2] process has finished cleanly\n")  # fmt: skip
 
 
 @pytest.fixture
@@ -96,10 +95,9 @@ def test_only_what_is_recorded_is_closed_and_reported(kept, tmp_path):
 @pytest.mark.parametrize(("said", "told", "lasts"), [
     ("no such disk", "no such disk", 15.0),
     ("[ERROR] the recorder (record) does not start: the disk is full",
-     "the recorder .* the disk is full", 0.0),
+     "the recorder .* the disk is full", 0.0),  # one that says why is not waited for
 ])  # fmt: skip
 def test_a_recorder_that_does_not_begin_is_ended(files, tmp_path, monkeypatch, said, told, lasts):
-    """One that says why is not waited for."""
     now, sleep = [100.0], time.sleep
 
     def wait(seconds):

@@ -22,8 +22,7 @@ from urllib.request import Request, urlopen
 from tornado.websocket import websocket_connect
 
 NAMES = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
-HOW = ("no Chromium here: apt-get install chromium-headless-shell (./setup.sh --for developing "
-       "does so)")  # fmt: skip
+HOW = "no Chromium here: run ./setup.sh --for developing or apt-get install chromium-headless-shell"
 OPTIONS = (
     "--headless", "--no-sandbox", "--disable-gpu-sandbox", "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader", "--disable-dev-shm-usage", "--hide-scrollbars",

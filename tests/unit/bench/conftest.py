@@ -25,7 +25,6 @@ def arm(robot):
 
 @pytest.fixture(scope="module")
 def host(robot, pinhole):
-    """Host of a live page without a graph."""
     from page_host import OfflineHost
 
     return OfflineHost(robot, pinhole)
@@ -40,7 +39,6 @@ def reports(host):
 
 @pytest.fixture(scope="module")
 def server(host):
-    """Server of the page of `host`."""
     from aras_visual_servo_bench.web.live.server import serve
 
     found = serve(host, "127.0.0.1", 18300 + os.getpid() % 1000, say=lambda _: None)
@@ -50,7 +48,6 @@ def server(host):
 
 @pytest.fixture(scope="session")
 def preset(robot):
-    """Settings of the camera of 2015."""
     return cameras.read_preset("original", robot.packages, "aras_visual_servo_gazebo")
 
 
@@ -67,7 +64,6 @@ def paper(request):
 
 @pytest.fixture
 def screen():
-    """Draw figures in the style of the screen."""
     yield from apply_style(False)
 
 
@@ -96,10 +92,7 @@ def browser():
 
 @pytest.fixture(scope="module")
 def watched(browser):
-    """Function that opens an address in a tab of a given width.
-
-    In the tab, `wrong` lists errors; `one(selector)` and `all(selector)` find elements.
-    """
+    """Function that opens a tab, in which `wrong` lists errors, `one` and `all` find elements."""
 
     def open_watched(address, width, ready):
         tab = browser.open("about:blank")

@@ -16,10 +16,7 @@ REASONS = ("the error swings: it grew and shrank 4 times; delay 0.21 s", "the ta
 
 
 def made_study(path: Path, chunks: range | None = None, **keys: Any) -> StudyFolder:
-    """Make a study whose runs succeed where gain * delay is small, with noise by the run's seed.
-
-    chunks: that are written; None: all. keys: of the study.
-    """
+    """Make a study whose runs succeed where gain * delay is small, and write `chunks` (or all)."""
     study = Study.from_mapping(keys)
     folder = StudyFolder.create(path, study, yaml.safe_dump(study.to_mapping()))
     for chunk in range(study.chunk_count) if chunks is None else chunks:
@@ -28,7 +25,6 @@ def made_study(path: Path, chunks: range | None = None, **keys: Any) -> StudyFol
 
 
 def write_chunk(folder: StudyFolder, chunk: int) -> None:
-    """Write one chunk of its runs."""
     done = rows.RunRows()
     for run in folder.study.list_chunk_runs(chunk):
         values = rows.make_blank_row(folder.study, run)

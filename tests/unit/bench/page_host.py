@@ -17,7 +17,6 @@ from aras_visual_servo_controller.schemes import SchemeOutput
 
 def told(stamp=1.0, phase="servoing", names=("xn", "yn"), error=(0.01, -0.02), asked=(0.0,) * 6,
          achieved=(0.0,) * 6, scheme="moments", **words):  # fmt: skip
-    """A state of the controller, as its messages tell it."""
     error, none = np.array(error, float), np.zeros(0)
     decision = SchemeOutput(tuple(names), error, 0.0 * error, error)
     resolution = IKSolution.from_record(
@@ -57,7 +56,6 @@ class OfflineHost(PageHost):
         self.move()
 
     def move(self, phase: str = "servoing") -> None:
-        """One image later."""
         with self.lock:
             self.time += 1 / 30
             step = 0.08 * (self.goal - self.q)

@@ -14,7 +14,6 @@ from aras_visual_servo_bench.setup.assembly import check
 from aras_visual_servo_controller.observation.frame import Frame
 
 SHAPE = [[-0.025, -0.03], [0.03, -0.025], [0.025, 0.02], [-0.015, 0.025]]
-# fx and fy differ, and the principal point is off the middle.
 CAMERA = {"width": 320, "height": 240, "update_rate": 30.0,
           "camera_matrix": {"fx": 300.0, "fy": 280.0, "cx": 166.0, "cy": 115.0}}  # fmt: skip
 GOAL = matrix_from_xyz_rpy((0.01, -0.02, -0.2), (0.05, -0.08, 0.3))

@@ -60,7 +60,6 @@ def ask(served):
 
 @pytest.fixture(scope="module")
 def rows(folder):
-    """Rows of the first study, read from its Parquet files."""
     return pq.read_table(folder / "first" / "parts").to_pylist()
 
 
@@ -102,7 +101,7 @@ def test_two_studies_are_compared(ask):
     told = ask("compare", first="first", second="second")["differences"]
     assert not any(d["is_significant"] for d in told)  # the same numbers by luck
     tested = [d["p"] for d in told if d["verdict"] == "chance"]
-    assert tested == sorted(tested) and tested == [d["p"] for d in told[:len(tested)]]
+    assert tested and sorted(tested) == [d["p"] for d in told[:len(tested)]]
     same = ask("compare", first="first", second="first", by=["gain"])["differences"]
     assert all(d["paired"] and d["before"] == d["after"] for d in same if d["before"] is not None)
 
@@ -227,7 +226,6 @@ def test_columns_of_unlike_studies_of_one_name_stand_below_each_other(tmp_path):
 
 
 def get(served, path, body=None, origin=None, token=None):
-    """Return the status, the text and the headers of an answer."""
     joined = "&" if "?" in path else "?"
     token = served.access.token if token is None else token
     address = f"http://127.0.0.1:{served.access.port}{path}{joined}token={token}"
@@ -252,15 +250,12 @@ def test_only_who_has_the_token_is_answered(served):
         assert get(served, "/ask", b"x" * 70000)[0] == 400
 
 
-class Faulty(BrowseServer):
-    """Server whose queries fail by a programming error."""
-
-    def answer_query(self, text):
-        raise KeyError("gain")
-
-
 def test_a_status_says_whose_fault_it_was(served, folder, caplog):
     """400: of the question; 500: of the server, which tells its page and goes on."""
+    class Faulty(BrowseServer):
+        def answer_query(self, text):
+            raise KeyError("gain")
+
     status, text, _ = get(served, "/ask", b'{"do": "dance"}')
     assert status == 400 and "dance" in json.loads(text)["error"]
     faulty = start_server(lambda access, sockets: Faulty(Studies([folder]), access, sockets),
@@ -287,7 +282,6 @@ def test_a_report_that_cannot_be_is_said_without_markup(served, study, run, said
 
 @pytest.fixture(scope="module")
 def real(tmp_path_factory):
-    """A study that was truly run."""
     path = tmp_path_factory.mktemp("real") / "real study"
     run_study({"experiment": {"plant": "free", "duration": 0.2, "lag": 0.0},
                "vary": {"gain": [2.0, 4.0]}, "chunk": 1}, path, progress=False)  # fmt: skip
@@ -348,7 +342,6 @@ def program(tmp_path, monkeypatch):
 def test_reports_of_a_folder_that_cannot_be_written_have_a_folder_each(
     real, seen, monkeypatch, program, capfd
 ):  # fmt: skip
-    """After one had failed, the next was written over one that was still on its way."""
     monkeypatch.setattr(os, "access", lambda *_: False)
     program("echo first >&2\necho 'bench: so it is' >&2\necho other\nexit 3")
     with contextlib.closing(Reports()) as reports:
@@ -391,7 +384,6 @@ def test_a_folder_or_an_address_that_is_none_is_named(folder, capsys):
 def test_the_command_opens_the_page_in_a_browser_and_ends_by_interrupt(
     folder, tmp_path, display, more, is_opened
 ):
-    """`BROWSER` names a program that stores the address."""
     opened, browser = tmp_path / "opened", tmp_path / "browser"
     browser.write_text(f'#!/bin/sh\necho "$1" > {opened}\n')
     browser.chmod(0o755)

@@ -47,7 +47,6 @@ def page(request, watched, served):
 
 
 def only(tab, name):
-    """Select one study."""
     tab.js(f"""all("#studies button").filter((b) => b.firstChild.textContent !== {name!r}
         && b.getAttribute("aria-pressed") === "true").forEach((b) => b.click())""")
     settle(tab)
@@ -59,7 +58,6 @@ def settle(tab):
 
 
 def choose(tab, **values):
-    """Set fields, each by the identifier of its element."""
     for name, value in values.items():
         field = f"one({'#' + name.replace('_', '-')!r})"
         tab.js(f"{field}.value = {value!r}; {field}.dispatchEvent(new Event('change'))")

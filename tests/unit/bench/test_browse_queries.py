@@ -62,7 +62,6 @@ def table():
 
 
 def chosen(look, *filters, studies=()):
-    """Return the rows that these filters select."""
     filters = tuple(ColumnFilter(*one) for one in filters)
     return queries.select_rows(look, RunSelection(studies, filters)).tolist()
 
@@ -202,7 +201,6 @@ def test_groups_are_those_of_pandas(look, table):
         return told["count"], told["groups"]
 
     def find_failures(rows):
-        """Texts of the most frequent outcomes of the rows that failed."""
         ends = rows[rows.success != 1].end.fillna("unknown").value_counts()
         return [f"{n} × {end}" for end, n in ends.items() if n == ends.max()] or [""]
 

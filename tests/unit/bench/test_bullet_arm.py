@@ -85,10 +85,9 @@ def test_the_world_and_what_moves_in_it_are_as_asked_wherever_the_arm_stands(
 
 def test_the_pixels_of_a_label_are_told_and_depth_is_given(robot, preset, tmp_path):
     at = matrix_from_xyz_rpy((0.05, 0.0, 0.62), (0.0, 0.0, 0.4))
-    shown = TargetModel(PlacedTarget(SQUARE, at), write_target(SQUARE, tmp_path, "plate"),
-                        name="plate")  # fmt: skip
-    keys = {"target_models": [shown], "labelled_link": "plate"}
-    labelled = {"segmentation": True}
+    file = write_target(SQUARE, tmp_path, "plate")
+    shown = [TargetModel(PlacedTarget(SQUARE, at), file, name="plate")]
+    keys, labelled = {"target_models": shown, "labelled_link": "plate"}, {"segmentation": True}
     plant = bullet(robot, preset, camera={**labelled, "depth": True}, **keys)
     with contextlib.closing(plant):
         pose, (reading,), camera = plant.read_pose(), take_frames(plant), plant.camera
@@ -103,7 +102,7 @@ def test_the_pixels_of_a_label_are_told_and_depth_is_given(robot, preset, tmp_pa
     assert found.target_mask is None and found.depth is None
     assert (found.name, found.image.shape, found.encoding) == ("camera", (240, 320, 3), "rgb8")
     with pytest.raises(ExperimentError, match="no link has the label 'plat': did you mean 'plate'"):
-        bullet(robot, preset, camera=labelled, target_models=[shown], labelled_link="plat")
+        bullet(robot, preset, camera=labelled, **keys | {"labelled_link": "plat"})
 
 
 def test_an_exposure_at_a_step_s_end_is_seen_then(robot, preset, pinhole):

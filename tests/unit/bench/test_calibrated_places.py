@@ -27,13 +27,11 @@ def written(path, matrix, factor=1.0):
 
 
 def find_pose(**keys):
-    """Pose of the camera by the controller's arm."""
     parts = assemble(Experiment.from_mapping({"plant": "chain", "scheme": "points", **keys}))
     return parts.servo.arm.pose(np.linspace(0.1, 0.5, len(parts.servo.arm.names)))
 
 
 def test_a_camera_is_believed_where_a_file_says(tmp_path):
-    """As by xyz and rpy off its true place, whatever link and unit the file has."""
     xyz, rpy = xyz_rpy_from_matrix(OFF)
     expected = find_pose(calibration_offset={"xyz": xyz, "rpy": rpy})
     robot = Robot(Experiment().robot)
@@ -69,8 +67,7 @@ def test_a_fixed_camera_is_where_a_file_says(tmp_path, plant):
 
 
 @pytest.mark.parametrize(("keys", "reason"), [
-    ({"calibration_offset": {"hand_eye": {"file": "wall.txt", "link": "J1"}}},
-     "calibration_offset.hand_eye: "),
+    ({"calibration_offset": {"hand_eye": {"file": "wall.txt", "link": "J1"}}}, "hand_eye: "),
     ({"calibration_offset": {"hand_eye": {"file": "wall.txt"}}}, "file does not name the link"),
     ({"calibration_offset": {"hand_eye": "wall.txt", "xyz": [0.1, 0, 0]}},
      "calibration_offset.hand_eye already gives the camera's pose"),

@@ -191,6 +191,5 @@ def eye(name, rate, delay=0.0):
 ])  # fmt: skip
 def test_pictures_of_one_instant_have_to_meet(control, other, why):
     check_simultaneous_images([control], 3.0)
-    expected = pytest.raises(ExperimentError, match=why) if why else contextlib.nullcontext()
-    with expected:
+    with pytest.raises(ExperimentError, match=why) if why else contextlib.nullcontext():
         check_simultaneous_images([control, other], 3.0)

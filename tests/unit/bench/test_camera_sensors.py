@@ -32,7 +32,6 @@ def sight(**further):
 
 
 def flying(seen):
-    """Return the first image of a camera that moves with a twist."""
     begin = FreeCameraKinematics(ORIGIN @ exponential(-PERIOD * TWIST))
     plant = FreeCamera(begin, np.zeros(6), seen)
     plant.command("velocity", TWIST)
@@ -42,7 +41,6 @@ def flying(seen):
 
 
 def pose_at(offset):
-    """world_T_camera (4, 4), s after the stamp."""
     return ORIGIN @ exponential(offset * TWIST)
 
 

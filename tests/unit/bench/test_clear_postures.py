@@ -34,7 +34,6 @@ OTHER = "ground_plane"
 
 @pytest.fixture
 def experiment(tmp_path):
-    """An experiment whose goal's first posture runs into the ground."""
     log_once.cache_clear()
     return Experiment(
         robot=write_arm(ELBOW, 0.0, tmp_path), camera={}, scheme="points", features="exact",
@@ -45,7 +44,6 @@ def experiment(tmp_path):
 
 
 def find_first(experiment, found):
-    """Joints at the goal that are found first, and its pose (4, 4)."""
     pose = matrix_from_xyz_rpy(experiment.goal.pose[:3], experiment.goal.pose[3:])
     return found.arm.inverse_kinematics(pose, np.zeros(5)), pose
 

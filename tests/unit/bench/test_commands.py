@@ -59,13 +59,11 @@ def test_a_file_may_be_named_like_an_override_and_its_report_is_where_out_says(
 
 
 def test_names_that_are_no_text_are_written_and_printed(tmp_path):
-    given = tmp_path / "bad\udcff<b>$x$.yaml"  # its name is no UTF-8
+    given, out = tmp_path / "bad\udcff<b>$x$.yaml", tmp_path / "out\udcff"  # are no UTF-8
     given.write_text("plant: free\nduration: 0.3\n")
-    out = tmp_path / "out\udcff"
     done = run_python(["-m", "aras_visual_servo_bench", "analyze", given, "--out", out,
                        "--formats", ""], PYTHONIOENCODING="utf-8:strict")  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert "bad?<b>$x$:" in done.stdout
+    assert done.returncode == 0 and "bad?<b>$x$:" in done.stdout, done.stderr
     page = (out / "report.html").read_text()
     assert "bad?&lt;b&gt;$x$" in page and json.loads((out / "summary.json").read_text())["name"]
 
@@ -172,7 +170,6 @@ def test_what_a_command_does_not_know_ends_it_with_2(words, told, capsys):
 
 @pytest.mark.parametrize(("fault", "code"), [(KeyboardInterrupt(), 130), (BrokenPipeError(), 1)])
 def test_how_a_command_ends(monkeypatch, fault, code):
-    """Ctrl-C, and a reader of its output that has ended."""
     class Ended(io.StringIO):
         def write(self, text):
             raise fault
@@ -218,8 +215,7 @@ def test_an_interaction_matrix_is_checked(words, code, said, told, tmp_path, mon
 
 
 @pytest.mark.parametrize(("words", "missing", "told"), [
-    (["browse", "x"], "tornado", "tornado.ioloop is not installed: run ./setup.sh; without ROS, "
-     "pip install '.[page]'"),
+    (["browse", "x"], "tornado", "tornado.ioloop is not installed: run ./setup.sh; without ROS, p"),
     (["table", "x"], "pyarrow", "without ROS, pip install '.[bench]' in the folder of the sources"),
     (["analyze", "{}", "--out", "o"], "rosbag", "reading a bag needs ROS's Python p"),
     (["convert", "{}"], "mcap", "convert needs the Python packages of ROS and mcap, see ./setup.s"),

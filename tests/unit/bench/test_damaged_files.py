@@ -1,7 +1,5 @@
-"""Files that users bring, damaged: each is read, or refused in one line; nothing else.
-
-Robots, worlds and meshes: unit/properties/test_texts.py.
-"""
+"""Files that users bring, damaged, are read or refused in one line (robots, worlds and meshes: in
+unit/properties/test_texts.py)."""
 
 import random
 import re

@@ -1,8 +1,9 @@
 """Gymnasium environment: it passes Gymnasium's checker, and executes the commanded twists."""
 
+import contextlib
 import warnings
+from pathlib import Path
 
-import gymnasium
 import numpy as np
 import pytest
 from frames import take_frames
@@ -11,17 +12,15 @@ from gymnasium.utils.env_checker import check_env
 from aras_visual_servo_base.poses import pose_difference
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment.experiment import Experiment, RandomStart
-from aras_visual_servo_bench.runner import environment
 from aras_visual_servo_bench.runner.environment import MAX_TWIST, ExternalTwistScheme, ServoEnv
 from aras_visual_servo_bench.setup.assembly import assemble
-from aras_visual_servo_controller.schemes import JointController, create_scheme
+from aras_visual_servo_controller.schemes import create_scheme
 
 
 @pytest.fixture
 def env():
-    env = ServoEnv()
-    yield env
-    env.close()
+    with contextlib.closing(ServoEnv()) as env:
+        yield env
 
 
 def test_a_twist_is_done_as_asked_and_what_is_none_is_refused(env):
@@ -70,7 +69,6 @@ PICTURED = Experiment(plant="free", features="images", lag=0.0, delay=0.0, start
 
 
 def test_a_picture_and_where_the_goal_is_belong_together():
-    """The target, by the goal's true place, is where the picture has it."""
     env = ServoEnv(PICTURED, observes="image")
     picture, info = env.reset(seed=3)
     for _ in range(8):
@@ -87,23 +85,6 @@ def test_a_picture_and_where_the_goal_is_belong_together():
     assert rows.max() == pytest.approx(v.max(), abs=1.2)
     assert info["distance"] == pytest.approx(np.linalg.norm(goal_T_camera[:3, 3]))
     env.close()
-
-
-def test_many_are_stepped_at_once():
-    keys = {"experiment": PICTURED, "observes": "image"}
-    made = gymnasium.make_vec(environment.ENVIRONMENT, 2, "sync", **keys)
-    alone = [ServoEnv(**keys) for _ in range(2)]
-    actions = np.array([[0.3, 0, 0, 0, 0, 0], [0, 0, -0.3, 0, 0, 0.2]], np.float32)
-    first = [one.reset(seed=5 + i)[0] for i, one in enumerate(alone)]
-    np.testing.assert_array_equal(made.reset(seed=5)[0], first)
-    for _ in range(4):
-        pictures, rewards, *_, info = made.step(actions)
-        each = [one.step(action) for one, action in zip(alone, actions, strict=True)]
-    for i, found in enumerate((pictures, rewards)):
-        np.testing.assert_array_equal(found, [one[i] for one in each])
-    assert info["camera_T_goal"].shape == (2, 4, 4)
-    for one in (made, *alone):
-        one.close()
 
 
 EXACT = Experiment.from_mapping({
@@ -171,23 +152,15 @@ def test_a_scheme_whose_twist_is_asked_for_is_the_inner_one_in_all_else(name):
     assert not asked.twist.any()
 
 
-class Joints(JointController):
-    """Asks for no twist."""
-
-    names, tolerances = ("x",), (1.0,)
-
-    def process_image(self, observation, goal, t): ...
-    def update(self, t, dt, joints): ...
-
-
 @pytest.mark.parametrize(("given", "why"), [
-    ({"experiment": EXACT.with_changes(scheme=f"{__name__}:Joints")},
-     "Joints' commands joints: an environment"),
+    ({"experiment": EXACT.with_changes(scheme="second_order:SecondOrder")},
+     "SecondOrder' commands joints: an environment"),
     ({"max_twist": (1.0, 1.0, 0.0, 1.0, 1.0, 1.0)}, "six numbers above 0, m/s and rad/s"),
     ({"max_twist": (1.0,) * 5}, "six numbers above 0"),
     ({"observes": "picture"}, "use one of features, image"),
     ({"observes": "image"}, "set features to images"),
 ])  # fmt: skip
-def test_what_makes_no_environment_is_refused(given, why):
+def test_what_makes_no_environment_is_refused(given, why, monkeypatch):
+    monkeypatch.syspath_prepend(Path(__file__).parents[3] / "docs" / "examples")
     with pytest.raises(ExperimentError, match=why):
         ServoEnv(**given)

@@ -16,7 +16,6 @@ STRAIGHT = ("pose", "two_and_half_d", "polar_points", "lines", "segments", "thet
 
 
 def turned(scheme, angle, corners=CORNERS, **options):
-    """A run that starts turned about the optical axis by an angle, rad."""
     return run(Experiment.from_mapping({
         "plant": "free", "features": "exact", "scheme": scheme, "gain": 2.0, "duration": 5.0,
         "camera": {"width": 640, "height": 480, "horizontal_fov": 1.2},

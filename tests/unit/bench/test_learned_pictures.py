@@ -21,7 +21,6 @@ BY_POLICY = "aras_visual_servo_bench.learning.policy:Policy"
 
 
 def run_learned():
-    """Run the first run of the protocol's learned case, clean."""
     study = Study.from_yaml(find_study_file(Path("convergence_domain")))
     names = [(case.names["scheme"], case.names["condition"]) for case in study.combinations]
     return run(study.make_experiment(names.index(("learned pose", "clean")) * study.repeats))
@@ -53,7 +52,6 @@ def test_brightness_and_contrast_are_no_matter():
 
 def test_s_and_its_rate_are_those_of_the_poses_that_it_tells(tmp_path, monkeypatch, pinhole):
     def answering(motion):
-        """Feature whose network returns a pose (6,) for any image."""
         count = learned_pose.ROWS * learned_pose.COLUMNS
         np.savez(tmp_path / "w.npz", mean=np.zeros(count), scale=np.ones(count), out_mean=motion,
                  out_scale=np.ones(6), w0=np.zeros((count, 6)), b0=np.zeros(6))  # fmt: skip
@@ -89,8 +87,8 @@ def test_unseen_starts_converge():
         plant="ideal", features="exact", goal="2016", start=learned.TRAINING_STARTS, gain=2.0,
         scheme=BY_MOMENTS, duration=8.0, reached=(1e-3, 0.01), controller_parameters={"hold": 0.4},
     )  # fmt: skip
-    reached = [run(experiment.with_changes(seed=500 + i)).verdict.is_reached for i in range(5)]
-    assert sum(reached) >= 4
+    seeded = (experiment.with_changes(seed=seed) for seed in range(500, 505))
+    assert sum(run(one).verdict.is_reached for one in seeded) >= 4
     for seed in (71, 72):
         done = run(Experiment(scheme=BY_POLICY, gain=1.5, start=policy.TRAINING_STARTS, seed=seed,
                               reached=(0.005, np.radians(1.0))))  # fmt: skip

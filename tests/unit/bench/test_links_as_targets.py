@@ -21,7 +21,6 @@ START = {"pose": [0.42, 0.02, 0.42, 3.05, 0.08, 0.5]}
 
 @pytest.fixture
 def asked(tmp_path):
-    """Return an experiment of an arm with a crate of this size next to its table."""
     def made(target, **keys):
         crate = CRATE.format(*(" ".join(map(str, part)) for part in (SIZE, PLACE)), TURN)
         text = (EXAMPLES / "my_arm.urdf").read_text().replace("</robot>", crate)
@@ -34,12 +33,9 @@ def asked(tmp_path):
 
 
 def corners(size):
-    """Return the corners of the ground that a crate of a size covers."""
     place = matrix_from_xyz_rpy((*PLACE[:2], 0.0), (0.0, 0.0, TURN))
-    return [
-        (place @ [0.5 * a * size[0], 0.5 * b * size[1], 0, 1])[:2].tolist()
-        for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))
-    ]
+    return [(place @ [0.5 * a * size[0], 0.5 * b * size[1], 0, 1])[:2].tolist()
+            for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]  # fmt: skip
 
 
 def test_it_is_a_solid_that_is_servoed_to(asked):

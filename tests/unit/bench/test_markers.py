@@ -62,8 +62,7 @@ BOARD = {"dictionary": "5X5_50", "size": 0.1, "markers": {1: [0, 0]}}
     ("DICT_5X5_50:50", "number is 50, must be at most 49 in DICT_5X5_50"),
     ("DICT_5X6_50:1", "dictionary 'DICT_5X6_50': did you mean .DICT_6X6_50."),
     ("-1", "must be a number of at least 0"), ("5X5_50:x", "must be a number"),
-    ("99999", "at most 2319"),
-    ("{dictionary: 5X5_100, size", "marker"),
+    ("99999", "at most 2319"), ("{dictionary: 5X5_100, size", "marker"),
     ({"dictionary": "5X5_50", "size": 0.1}, "key 'markers' of the board is missing"),
     (BOARD | {"size": -1}, "marker.size is -1"),
     (BOARD | {"markers": {1: [0]}}, r"marker.markers.1 is \[0\]"),
@@ -84,9 +83,9 @@ def test_a_board_has_the_same_corners_whichever_of_its_markers_are_in_view():
     seats = [(i % 2, i // 2) for i in range(4)]  # 120 px apart; 1 px is 0.5 mm
     places = {n: [0.06 * x, -0.06 * y] for n, (x, y) in zip(numbers, seats, strict=True)}
     board = {"dictionary": names, "size": 0.04, "markers": places}
-    texts = ", ".join(f"'{n}': {at}" for n, at in places.items())  # as launch files give it
-    tracker = MarkerTracker(MarkerChoice.read(f"{{dictionary: {names}, size: 0.04, "
-                                              f"markers: {{{texts}}}}}"))
+    quoted = board | {"markers": {str(n): at for n, at in places.items()}}
+    text = yaml.safe_dump(quoted, default_flow_style=True, sort_keys=False)  # as in launch files
+    tracker = MarkerTracker(MarkerChoice.read(text))
     assert tracker.choice == MarkerChoice.read(board)
     every = [(f"{names}:{n}", 80, 200 + 120 * x, 120 + 120 * y)
              for n, (x, y) in zip(numbers, seats, strict=True)]  # fmt: skip
@@ -99,7 +98,6 @@ def test_a_board_has_the_same_corners_whichever_of_its_markers_are_in_view():
 
 
 def test_corners_of_a_marker_err_as_its_rim_s_edges_scatter():
-    """In noise of 8 grey levels, blurred as a lens does."""
     random, given = np.random.default_rng(3), "DICT_5X5_100:7"
     tracker = MarkerTracker(MarkerChoice.read(given))
     image = cv2.GaussianBlur(drawn((given, 90, 250, 200)), (0, 0), 0.8).astype(float)

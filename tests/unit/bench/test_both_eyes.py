@@ -96,6 +96,18 @@ def test_a_target_is_drawn_on_the_link_that_carries_it():
     assert found.shape[1] > 0.3 * (alone.max(axis=2) < 60).sum()
 
 
+def test_a_target_of_its_own_may_stand_too():
+    beside = {"shape": "l_shape", "size": [0.1, 0.1], "pose": [0.19, -0.22, 0.001, 0, 0, -0.2]}
+    second = {"model": {"width": 320, "height": 240, "horizontal_fov": 0.5},
+              "xyz": [0.0, -0.2, 0.0], "target": beside}  # fmt: skip
+    result = run(asked(
+        cameras={"palm": ASKED["cameras"]["palm"], "second": second},
+        robot={**ASKED["robot"], "camera_frame": "palm_optical_frame", "camera": "palm"},
+        scheme="points@palm+points@second", start=[0.03, -0.01, 0.02, 0.25],
+    ))  # fmt: skip
+    assert result.outcome == "converged" and result.verdict.is_reached, result.reason
+
+
 @pytest.mark.parametrize(("left", "changes", "words"), [
     ({"target": None}, {}, "cameras.left.target_frame needs a target on this link"),
     ({"target_frame": "hnd", "target": PLATE}, {}, "did you mean 'hand'"),

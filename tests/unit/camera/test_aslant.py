@@ -1,7 +1,5 @@
 """Textures on inclined surfaces, compared with the mean of 576 samples per pixel."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from wall import aslant, blocks, errors, wall
@@ -29,16 +27,3 @@ def test_a_pixel_shows_the_mean_of_what_it_covers(bench, tmp_path, angle, most, 
     assert len(off) > 100
     assert np.sqrt((off**2).mean()) <= most
     assert abs(off.mean()) < 0.5
-
-
-@pytest.mark.parametrize(("high", "ambient"), [(171, 2.5), (250, 1.2)])
-def test_what_is_brighter_than_white_is_white_before_it_is_mixed(bench, tmp_path, high, ambient):
-    """As at the edges of triangles. Only what lies between two texels is mixed first, which makes
-    bright blocks grow a little: 2.9 grey levels; with all mixed first 12.8."""
-    pixels = blocks(8, high=high)
-    wall(bench, tmp_path, pixels)
-    view = View(320, 240, aslant(np.radians(80.0), 0.7, 0.7, 2.5), K)
-    light = Lighting(ambient=ambient, diffuse=0.0, exposure="gazebo")
-    picture = create_renderer("exact", bench.world, light).render(view)
-    off = errors(np.minimum(pixels * ambient, 255.0), view, picture)
-    assert abs(off.mean()) < 4.0

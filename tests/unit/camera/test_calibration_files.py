@@ -10,7 +10,6 @@ import yaml
 from aras_sim_bridge.camera import CameraConfig
 from aras_sim_bridge.camera.camera_file import read_camera
 from aras_sim_bridge.errors import CameraError
-from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_camera.camera_model import CameraModel
 
 SIZE = (640, 480)
@@ -178,6 +177,7 @@ CHAIN, STORE, VISP = kalibr(RADTAN, "plumb_bob"), opencv(".xml")(RADTAN, ""), vi
     ("a.xml", VISP.replace("<py>610.0</py>", ""), "<py>"),
     ("a.xml", "<robot name='x'/>", "root <robot>, not a camera calibration"),
     ("a.yaml", "- 1\n", "neither a camera preset nor a calibration"),
+    ("a.yaml", re.sub("image_.*", "", ROS), "image_width"),
 ])  # fmt: skip
 def test_what_contradicts_itself_or_is_not_served_is_named(tmp_path, name, text, message):
     (tmp_path / name.partition("#")[0]).write_text(text)
@@ -185,15 +185,6 @@ def test_what_contradicts_itself_or_is_not_served_is_named(tmp_path, name, text,
         CameraConfig.from_mapping(read_camera(tmp_path / name))
     assert str(tmp_path / name.partition("#")[0]) in str(refused.value)
     assert "\n" not in str(refused.value)
-
-
-def test_matrices_in_rows_are_a_calibration_though_its_sizes_are_missing(tmp_path):
-    path = tmp_path / "cut.yaml"
-    path.write_text(yaml.safe_dump({
-        "camera_matrix": {"rows": 3, "cols": 3, "data": [300, 0, 160, 0, 300, 120, 0, 0, 1]},
-        "distortion_model": "plumb_bob"}))
-    with pytest.raises(CameraError, match="image_width"):
-        read_camera(path)
 
 
 def test_a_preset_names_its_calibration(tmp_path):
@@ -206,16 +197,16 @@ def test_a_preset_names_its_calibration(tmp_path):
     assert camera.camera_matrix == (612.5, 610.0, 331.25, 228.5)
     preset.write_text("calibration: chain.yaml#cam1\n")
     assert CameraConfig.from_mapping(read_camera(preset)).camera_matrix[0] == 500.0
-    for line, word in (("width: 320", "width"), ("horizontal_fov: 1.0", "horizontal_fov")):
-        preset.write_text(f"calibration: head.yaml\n{line}\n")
-        with pytest.raises(CameraError, match=f"{word} is .* remove {word}"):
+    for key in ("width", "horizontal_fov"):
+        preset.write_text(f"calibration: head.yaml\n{key}: 320\n")
+        with pytest.raises(CameraError, match=f"{key} is .* remove {key}"):
             read_camera(preset)
     with pytest.raises(CameraError, match="relative path"):
         CameraConfig.from_mapping({"calibration": "head.yaml"})
 
 
 @pytest.mark.parametrize(("model", "D"), [
-    ("plumb_bob", (-0.3, 0.0, 0.0, 0.0, 0.0)), ("plumb_bob", (0.1, -0.5, 0.001, 0.0, 0.0)),
+    ("plumb_bob", (0.1, -0.5, 0.001, 0.0, 0.0)),
     ("rational_polynomial", (0.2, -0.5, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0)),
     ("equidistant", (-0.05, -0.2, 0.1, -0.1)),
 ])  # fmt: skip
@@ -230,10 +221,7 @@ def test_a_polynomial_that_folds_outside_of_the_image(model, D):
     read = CameraModel(*SIZE, tuple(info.K.ravel()), info.D, model)
     x, y, valid = read.normalise(u, v)
     assert valid.all() and np.abs(rays[:, :2] / rays[:, 2:] - np.column_stack([x, y])).max() < 1e-9
-    far = matrix_from_xyz_rpy((0, 0, 0), (0, 0, 0.1))[:2, :2] @ np.array(
-        [[1.2, 2.0, 5.0], [0.9, -2.0, 1.0]]
-    )
-    u, v = read.project(*far)
+    u, v = read.project(np.array([1.1, 2.2, 4.9]), np.array([1.0, -1.8, 1.5]))
     assert ((u < 0) | (u > 639) | (v < 0) | (v > 479)).all()
     with pytest.raises(CameraError, match="radius stops increasing .*inside"):
         CameraConfig.from_mapping({**keys, "camera_matrix": (fx / 4, fy / 4, cx, cy)})

@@ -1,10 +1,8 @@
-"""Lens models, compared with OpenCV and with their inverses, and at their limits."""
+"""Lens models, compared with their inverses, and at their limits."""
 
-import cv2
 import numpy as np
 import pytest
 
-from aras_sim_bridge.camera.intrinsics import RenderProjection, camera_matrix
 from aras_sim_bridge.camera.lens import (
     LARGEST_ANGLE,
     RADIUS_FUNCTION,
@@ -20,18 +18,9 @@ BROWN = [
     (0.5, 0.1, 0.001, 0.002, 0.01, 0.6, 0.05, 0.001, 0.02, -0.01, 0.015, 0.004),
     (0.5, 0.1, 0.001, 0.002, 0.01, 0.6, 0.05, 0.001, 0.02, -0.01, 0.015, 0.004, 0.05, -0.08),
 ]
-NOTHING = np.zeros(3)
-
-
 def rays(n=500):
     points = np.random.default_rng(3).uniform(-0.9, 0.9, (n, 2))
     return np.concatenate([points, np.ones((n, 1))], axis=1)
-
-
-@pytest.mark.parametrize("D", BROWN)
-def test_brown_projection_is_opencvs(D):
-    expected = cv2.projectPoints(rays(), NOTHING, NOTHING, np.eye(3), np.array(D))[0][:, 0]
-    np.testing.assert_allclose(BrownLens(D).project(rays()), expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("D", BROWN)
@@ -39,25 +28,6 @@ def test_brown_unprojection_inverts_projection(D):
     lens = BrownLens(D)
     back = lens.unproject(lens.project(rays()))
     np.testing.assert_allclose(back[:, :2] / back[:, 2:], rays()[:, :2], atol=1e-9)
-
-
-def test_a_ray_from_beside_or_behind_is_nowhere_in_the_picture():
-    seen = BrownLens(BROWN[0]).project(np.array([[0.1, 0.2, 1.0], [0.1, 0.2, 0.0],
-                                                 [0.1, 0.2, -1.0], [0.0, 0.0, 0.0]]))
-    assert np.isfinite(seen[0]).all() and np.isnan(seen[1:]).all()
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_brown_s_slopes_are_those_of_its_projection(seed):
-    """Newton's steps would end somewhere with others too, later or elsewhere."""
-    random = np.random.default_rng(seed)
-    lens = BrownLens(tuple(random.uniform(-0.2, 0.2, 14) * [1, 1, 0.2, 0.2, *[1] * 10]))
-    points, step = random.uniform(-0.8, 0.8, (50, 2)), 1e-6
-    _, a, b, c, d = lens.distort(points)
-    for axis, wanted in ((0, (a, c)), (1, (b, d))):
-        off = step * np.eye(2)[axis]
-        slope = (lens.distort(points + off)[0] - lens.distort(points - off)[0]) / (2.0 * step)
-        np.testing.assert_allclose(slope, np.stack(wanted, axis=1), atol=1e-8)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -78,42 +48,21 @@ def test_the_fold_is_where_the_radius_stops_growing(seed):
         assert turned or pole
 
 
-@pytest.mark.parametrize("lens", [BrownLens(BROWN[1]), FisheyeLens((0.1, -0.02, 0.003, 0.0), 1.9)])
-def test_pixels_are_as_wide_and_as_high_as_the_camera_matrix_says(lens):
-    model = RenderProjection(camera_matrix(200.0, 230.0, 160.0, 95.0), lens)
-    flat = lens.project(rays())
-    pixels = model.project(rays())
-    np.testing.assert_allclose(pixels[:, 0], 200.0 * flat[:, 0] + 160.0)
-    np.testing.assert_allclose(pixels[:, 1], 230.0 * flat[:, 1] + 95.0)
-    back = model.unproject(pixels)
-    np.testing.assert_allclose(back[:, :2] / back[:, 2:], rays()[:, :2], atol=1e-9)
-
-
 def test_brown_has_no_ray_beyond_the_fold():
     lens = BrownLens((-0.3, 0.0, 0.0, 0.0, 0.0))
     fold = lens.fold_radius()
     assert fold == pytest.approx(np.sqrt(1 / 0.9))
     largest = fold * (1 - 0.3 * fold**2)
     inside, outside = lens.unproject(np.array([[0.99 * largest, 0.0], [1.01 * largest, 0.0]]))
-    assert np.isfinite(inside).all()
-    assert np.isnan(outside).all()
-
-
-def test_brown_has_no_ray_where_the_picture_unfolds_again():
-    """Beyond a second fold the radius grows anew: those rays land where others did before."""
+    assert np.isfinite(inside).all() and np.isnan(outside).all()
+    # Beyond a second fold the radius grows again: those rays land where others did before.
     lens = BrownLens((-0.9, 0.3, 0.0, 0.0, 0.0))
-    fold = lens.fold_radius()
     beyond = np.column_stack([np.linspace(0.45, 2.0, 20), np.zeros(20)])
-    assert fold * (1 - 0.9 * fold**2 + 0.3 * fold**4) < 0.45
+    assert lens.project(np.array([[lens.fold_radius(), 0.0, 1.0]]))[0, 0] < 0.45
     assert np.isnan(lens.unproject(beyond)).all()
-
-
-def test_fisheye_projection_is_opencvs():
-    lens = FisheyeLens((0.1, -0.02, 0.003, 0.0001), 1.9)
-    expected = cv2.fisheye.projectPoints(
-        rays()[:, None], NOTHING, NOTHING, np.eye(3), np.array(lens.D)
-    )[0][:, 0]
-    np.testing.assert_allclose(lens.project(rays()), expected, atol=1e-12)
+    # And a ray from the side or from behind is nowhere in the image.
+    rays = np.array([[0.1, 0.2, z] for z in (1.0, 0.0, -1.0)])
+    assert np.isfinite(lens.project(rays)[:, 0]).tolist() == [True, False, False]
 
 
 @pytest.mark.parametrize(("D", "cutoff"), [

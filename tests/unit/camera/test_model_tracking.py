@@ -3,15 +3,7 @@
 
 import numpy as np
 import pytest
-from tracking_scenes import (
-    CAMERA,
-    CONDITIONS,
-    SOLIDS,
-    Sequence,
-    block,
-    corners_of,
-    error_of,
-)
+from tracking_scenes import CAMERA, CONDITIONS, SOLIDS, Sequence, block, corners_of, error_of
 
 from aras_visual_servo_base.poses import exponential, inverse, matrix_from_xyz_rpy, rotation_vector
 from aras_visual_servo_camera.camera_model import CameraModel
@@ -23,17 +15,14 @@ from aras_visual_servo_camera.model_tracker.edge_search import (
     measure_edges,
 )
 from aras_visual_servo_camera.model_tracker.pose_fitting import build_surface_equations
-from aras_visual_servo_camera.model_tracker.visible_edges import (
-    sample_visible_edges,
-)
+from aras_visual_servo_camera.model_tracker.visible_edges import sample_visible_edges
 from aras_visual_servo_camera.trackers.initial_pose import InitialPose
 from aras_visual_servo_camera.trackers.model import ModelTracker
 
 OFF = (0.002, -0.0015, 0.004, 0.012, -0.015, 0.02)  # m and rad that a start is off
 PICTURES = (3, 410)
-# mm and degrees; measured on these pictures: half of it at most.
 BOUNDS = {"clean": (0.06, 0.03), "cluttered": (0.06, 0.03), "occluded": (0.1, 0.06),
-          "noisy": (0.3, 0.15)}  # fmt: skip
+          "noisy": (0.3, 0.15)}  # mm and degrees; measured on these images: half of it at most
 
 
 @pytest.fixture(scope="module")
@@ -62,8 +51,8 @@ def test_a_pose_is_found_from_nearby_to_a_fraction_of_a_millimetre(folder, name,
 
 
 def test_a_solid_is_followed_and_its_motion_goes_on(folder):
-    sequence, tracking = Sequence("bracket", "cluttered", folder), SolidTracking(
-        solid_of("bracket"))  # fmt: skip
+    sequence = Sequence("bracket", "cluttered", folder)
+    tracking = SolidTracking(solid_of("bracket"))
     tracking.start(sequence.pose(0))
     for i in range(0, 24, 2):  # twice as fast
         found = tracking.track(sequence.picture(i), CAMERA)
@@ -71,10 +60,8 @@ def test_a_solid_is_followed_and_its_motion_goes_on(folder):
 
 
 def test_through_a_lens_points_normals_and_gains_are_those_of_the_bent_edges():
-    solid, pose = (
-        solid_of("bracket"),
-        matrix_from_xyz_rpy((0.05, -0.03, 0.3), (np.pi - 0.6, 0.4, 0.5)),
-    )
+    solid = solid_of("bracket")
+    pose = matrix_from_xyz_rpy((0.05, -0.03, 0.3), (np.pi - 0.6, 0.4, 0.5))
     lens = CameraModel(CAMERA.width, CAMERA.height, CAMERA.K, (-0.3, 0.1, 0.002, -0.003, 0.0))
     points = sample_visible_edges(solid, lens, pose, 3.0)
     straight = sample_visible_edges(solid, CAMERA, pose, 3.0)
@@ -106,76 +93,56 @@ def test_the_noise_of_a_picture_is_the_median_of_its_bends():
     assert estimate_noise(np.full((480, 640), 7, np.uint8)) == 0.0
 
 
-@pytest.mark.parametrize("angle", [0.0, 0.7, 0.9, 2.2, -0.4])
-def test_an_edge_is_measured_exactly_whatever_its_slant(angle):
+def measured(grey, at, normals, with_normal=UNKNOWN_LEVEL):
+    levels = np.tile([with_normal, UNKNOWN_LEVEL], (len(at), 1))
+    return measure_edges(grey, at, normals, np.full((len(at), 2), 50.0), levels, 10.0, 25.0, 0.0)
+
+
+def slanted(angle, shade):
+    """An image (40, 40) of grey levels by the distance across an edge; 13 points and normals."""
     normal = np.array([np.cos(angle), np.sin(angle)])
     fine = (np.arange(40 * 48) + 0.5) / 48.0 - 0.5
     across = fine[None, :] * normal[0] + fine[:, None] * normal[1] - 20.0 * normal.sum()
-    for offset in (0.0, 0.13, 0.37, -0.42):
-        cover = (across < offset).reshape(40, 48, 40, 48).mean(axis=(1, 3))
-        grey = np.round(200.0 - 150.0 * cover).astype(np.uint8)
-        along = np.array([-normal[1], normal[0]])
-        at = 20.0 + np.linspace(-6.0, 6.0, 13)[:, None] * along
-        normals, free = np.tile(normal, (13, 1)), np.full((13, 2), 50.0)
-        any_level = np.full((13, 2), UNKNOWN_LEVEL)
-        values = measure_edges(grey, at, normals, free, any_level, 10.0, 25.0, 0.0)
-        assert np.abs(values[:, 0] - offset).max() < 0.012
-        assert np.allclose(values[:, 1:3], (200.0, 50.0), atol=0.6)
-        # A level that is expected otherwise is another edge.
-        any_level[:, 0] = 90.0
-        other = measure_edges(grey, at, normals, free, any_level, 10.0, 25.0, 0.0)
-        assert np.isnan(other[:, 0]).all()
-
-
-@pytest.mark.parametrize("axis", [0, 1])
-def test_an_edge_is_measured_up_to_three_pixels_from_the_border(axis):
-    places = [2.5, 3.5, 35.5, 36.5]
-    at, normals = np.full((4, 2), 30.0), np.zeros((4, 2))
-    at[:, axis], normals[:, axis] = places, 1.0
-    for n, found in ((0, False), (1, True), (2, True), (3, False)):
-        one = np.where(np.arange(40) <= places[n], 50, 200).astype(np.uint8)
-        grey = np.tile(one, (60, 1)) if axis == 0 else np.tile(one[:, None], (1, 60))
-        value = measure_edges(grey, at[[n]], normals[[n]], np.full((1, 2), 50.0),
-                         np.full((1, 2), UNKNOWN_LEVEL), 10.0, 25.0, 0.0)[0, 0]  # fmt: skip
-        assert value == pytest.approx(0.0, abs=1e-9) if found else np.isnan(value), places[n]
-
-
-def shaded_edge(angle, half, slope=3.0):
-    """Return an image (40, 40) with the edge of two faces, 0.3 px beyond points (13, 2).
-
-    half: grey levels by which the faces there differ from the mean. slope: grey levels a pixel.
-    """
-    normal = np.array([np.cos(angle), np.sin(angle)])
-    fine = (np.arange(40 * 24) + 0.5) / 24.0 - 0.5
-    across = fine[None, :] * normal[0] + fine[:, None] * normal[1] - 20.0 * normal.sum()
-    shaded = 120.0 + half * np.sign(across - 0.3) + slope * across
-    grey = np.round(shaded.reshape(40, 24, 40, 24).mean(axis=(1, 3))).astype(np.uint8)
+    grey = np.round(shade(across).reshape(40, 48, 40, 48).mean(axis=(1, 3))).astype(np.uint8)
     at = 20.0 + np.linspace(-6.0, 6.0, 13)[:, None] * (-normal[1], normal[0])
     return grey, at, np.tile(normal, (13, 1))
 
 
-@pytest.mark.parametrize("bright", [-1.0, 1.0])
-def test_edges_between_shaded_faces_are_measured_whichever_is_the_bright_one(bright):
-    """Two in one picture, each by its own normal."""
-    seen = [shaded_edge(angle, 40.0 * bright) for angle in (1.4, 0.2)]
-    grey = np.hstack([picture for picture, _, _ in seen])
-    at, normals = (np.vstack([one[i] for one in seen]) for i in (1, 2))
-    at[13:, 0] += 40.0
-    free, any_level = np.full((26, 2), 50.0), np.full((26, 2), UNKNOWN_LEVEL)
-    values = measure_edges(grey, at, normals, free, any_level, 10.0, 25.0, 0.0)
-    assert np.abs(values[:, 0] - 0.3).max() < 0.15
-    assert np.allclose(values[:, 1] - values[:, 2], 80.0 * bright, atol=15.0)
-    alone = measure_edges(*seen[1], free[:13], any_level[:13], 10.0, 25.0, 0.0)
-    np.testing.assert_allclose(values[13:], alone, atol=1e-9)
+@pytest.mark.parametrize("angle", [0.0, 0.9, 2.2, -0.4])
+def test_an_edge_is_measured_exactly_whatever_its_slant(angle):
+    for offset in (0.0, 0.13, 0.37, -0.42):
+        seen = slanted(angle, lambda across, at=offset: np.where(across < at, 50.0, 200.0))
+        values = measured(*seen)
+        assert np.abs(values[:, 0] - offset).max() < 0.012
+        assert np.allclose(values[:, 1:3], (200.0, 50.0), atol=0.6)
+        assert np.isnan(measured(*seen, 90.0)[:, 0]).all()  # of another level: another edge
 
 
-@pytest.mark.parametrize("slope", [0.0, 1.2])
-def test_what_differs_too_little_at_the_edge_itself_is_none(slope):
-    """The slope adds to what faces some pixels apart differ by."""
-    seen = [shaded_edge(0.2, half, slope) for half in (3.0, 6.5)]
-    free, any_level = np.full((13, 2), 50.0), np.full((13, 2), UNKNOWN_LEVEL)
-    weak, strong = (measure_edges(*one, free, any_level, 10.0, 25.0, 0.0)[:, 0] for one in seen)
-    assert np.isnan(weak).all() and np.isfinite(strong).sum() > 6
+@pytest.mark.parametrize("axis", [0, 1])
+def test_an_edge_is_measured_up_to_three_pixels_from_the_border(axis):
+    for place, found in ((2.5, False), (3.5, True), (35.5, True), (36.5, False)):
+        at, normals = np.full((1, 2), 30.0), np.eye(2)[[axis]]
+        at[0, axis] = place
+        one = np.where(np.arange(40) <= place, 50, 200).astype(np.uint8)
+        grey = np.tile(one, (60, 1)) if axis == 0 else np.tile(one[:, None], (1, 60))
+        value = measured(grey, at, normals)[0, 0]
+        assert value == pytest.approx(0.0, abs=1e-9) if found else np.isnan(value), place
+
+
+@pytest.mark.parametrize(("half", "slope"), [(-40.0, 3.0), (40.0, 3.0), (3.0, 1.2), (6.5, 1.2)])
+def test_edges_between_shaded_faces_are_measured_whichever_is_the_bright_one(half, slope):
+    """Two in one image, each by its own normal. The faces differ from their mean by `half` grey
+    levels, and all is brighter by `slope` a pixel; too little at the edge itself is none."""
+    one, other = (slanted(angle, lambda across: 120.0 + half * np.sign(across - 0.3)
+                          + slope * across) for angle in (1.4, 0.2))
+    grey, at = np.hstack([one[0], other[0]]), np.vstack([one[1], other[1] + (40.0, 0.0)])
+    values = measured(grey, at, np.vstack([one[2], other[2]]))
+    np.testing.assert_allclose(values[13:], measured(*other), atol=1e-9)
+    if abs(half) == 40.0:
+        assert np.abs(values[:, 0] - 0.3).max() < 0.15
+        assert np.allclose(values[:, 1] - values[:, 2], 2.0 * half, atol=15.0)
+    else:
+        assert np.isfinite(values[:, 0]).sum() > 6 if half > 5.0 else np.isnan(values[:, 0]).all()
 
 
 def test_a_solid_that_is_gone_is_lost_and_found_again(folder):
@@ -227,10 +194,8 @@ def test_a_mesh_of_another_size_is_known_less_well_by_what_its_edges_miss(folder
     sequence, true = Sequence("box", "clean", folder), Sequence("box", "clean", folder).pose(60)
     told = []
     for wider in (1.0, 1.02):
-        tracker = ModelTracker(
-            Solid.from_triangles(corners_of("box") * (wider, 1.0, 1.0), "box"),
-            InitialPose({"pose": [0.0] * 6}),
-        )
+        solid = Solid.from_triangles(corners_of("box") * (wider, 1.0, 1.0), "box")
+        tracker = ModelTracker(solid, InitialPose({"pose": [0.0] * 6}))
         tracker.tracking.start(true)
         told.append(tracker.track(sequence.picture(60), CAMERA))
     right, wrong = told
@@ -240,9 +205,8 @@ def test_a_mesh_of_another_size_is_known_less_well_by_what_its_edges_miss(folder
 
 
 def test_a_bar_whose_ends_are_not_seen_is_known_but_for_a_shift_along_it():
-    tracking = SolidTracking(
-        Solid.from_triangles(block((0, 0), (1.4, 0.05), 0.0, 0.0, 0.04), "the bar")
-    )
+    bar = block((0, 0), (1.4, 0.05), 0.0, 0.0, 0.04)
+    tracking = SolidTracking(Solid.from_triangles(bar, "the bar"))
     pose = matrix_from_xyz_rpy((0.01, 0.02, 0.3), (2.6, 0.0, 0.0))
     points = sample_visible_edges(tracking.solid, CAMERA, pose, 3.0)
     assert len(np.unique(points.edges)) > 2
@@ -307,6 +271,12 @@ def test_clicks_and_a_marker_start_it(folder):
     start = InitialPose({"marker": {"size": 0.04, "pose": [0.01, 0, 0, 0, 0, 0]}})
     with pytest.raises(VisionError, match="no marker"):
         start.compute_camera_T_solid(picture, CAMERA, None)
+    for given, why in (({}, "must define the start pose"), ({"pose": [0, 0, 0]}, "six finite numb"),
+                       ({"pose": [0] * 6, "clicks": []}, "must define the start pose"),
+                       ({"clicks": [[0, 0, 0, 1, 1]] * 3}, "four clicks of five"),
+                       ({"marker": {"size": 0.1}}, "'pose'")):
+        with pytest.raises(TrackingModelError, match=why):
+            InitialPose(given)
 
 
 def test_a_pose_in_the_world_starts_it_and_kinematics_tell_where_to_look(folder):
@@ -314,59 +284,33 @@ def test_a_pose_in_the_world_starts_it_and_kinematics_tell_where_to_look(folder)
     tracker = ModelTracker(solid_of(name), InitialPose({"pose": [0, 0, 0, 0, 0, 0]}))
     with pytest.raises(VisionError, match="needs the pose of the camera"):
         tracker.track(sequence.picture(0), CAMERA)
+    gone = np.full((480, 640), 90, np.uint8)
+    with pytest.raises(VisionError, match="is lost"):
+        tracker.track(gone, CAMERA, inverse(sequence.pose(0)))
+    assert not tracker.tracking.is_started  # it starts again while nothing of it is known
     for i in (0, 20, 60):  # far too far apart for a search
         tracker.track(sequence.picture(i), CAMERA, inverse(sequence.pose(i)))
-        assert (
-            error_of(name, tracker.tracking.tracked_pose.camera_T_solid, sequence.pose(i))[0] < 2e-4
-        )
-
-
-@pytest.mark.parametrize(("given", "why"), [
-    ({}, "must define the start pose"),
-    ({"pose": [0, 0, 0]}, "six finite numbers"),
-    ({"pose": [0] * 6, "clicks": []}, "must define the start pose"),
-    ({"clicks": [[0, 0, 0, 1, 1]] * 3}, "four clicks of five"),
-    ({"marker": {"size": 0.1}}, "'pose'"),
-])  # fmt: skip
-def test_a_start_that_is_none_is_refused(given, why):
-    with pytest.raises(TrackingModelError, match=why):
-        InitialPose(given)
-
-
-@pytest.mark.parametrize("known", [False, True])
-def test_a_lost_solid_starts_anew_only_while_nothing_of_it_was_known_in_the_world(folder, known):
-    sequence = Sequence("box", "clean", folder)
-    tracker = ModelTracker(solid_of("box"), InitialPose({"pose": [0] * 6}))
-    world_T_camera = inverse(sequence.pose(0))
-    if known:
-        tracker.track(sequence.picture(0), CAMERA, world_T_camera)
+        found = tracker.tracking.tracked_pose.camera_T_solid
+        assert error_of(name, found, sequence.pose(i))[0] < 2e-4
     with pytest.raises(VisionError, match="is lost"):
-        tracker.track(np.full((480, 640), 90, np.uint8), CAMERA, world_T_camera)
-    assert tracker.tracking.is_started is known
+        tracker.track(gone, CAMERA, inverse(sequence.pose(60)))
+    assert tracker.tracking.is_started
 
 
 def test_meshes_that_are_no_solid_in_metres_are_refused():
     box = corners_of("box")
-    with pytest.raises(TrackingModelError, match="80 m long: is it in millimetres"):
-        Solid.from_triangles(1000.0 * box, "part.stl")
-    with pytest.raises(TrackingModelError, match="too small"):
-        Solid.from_triangles(0.001 * box, "part.stl")
-    with pytest.raises(TrackingModelError, match="part.stl is not a closed"):
-        Solid.from_triangles(box[1:], "part.stl")
-    with pytest.raises(TrackingModelError, match="inside out"):
-        Solid.from_triangles(box[:, ::-1], "part.stl")
-    flipped = box.copy()
-    flipped[3] = flipped[3, ::-1]
-    with pytest.raises(TrackingModelError, match="not a closed surface"):
-        Solid.from_triangles(flipped, "part.stl")
-    assert len(Solid.from_triangles(block((0, 0), (0.1, 0.05), 0.3, 0.0, 0.04)).edges) == 12
+    flipped = np.where(np.arange(len(box))[:, None, None] == 3, box[:, ::-1], box)
+    for triangles, why in ((1000.0 * box, "80 m long: is it in millimetres"),
+                           (0.001 * box, "too small"), (box[1:], "part.stl is not a closed"),
+                           (box[:, ::-1], "inside out"), (flipped, "not a closed surface")):
+        with pytest.raises(TrackingModelError, match=why):
+            Solid.from_triangles(triangles, "part.stl")
 
 
 def test_what_slips_turns_about_the_solids_own_axis():
     aside = Solid.from_triangles(corners_of("cylinder") + (0.04, -0.02, 0.01))
-    assert np.allclose(
-        np.abs(aside.compute_free_motions()), [[0.0], [0.0], [0.0], [0.0], [0.0], [1.0]], atol=1e-3
-    )
+    free = np.abs(aside.compute_free_motions())
+    assert np.allclose(free, np.eye(6)[:, 5:], atol=1e-3)
 
 
 def test_triangles_are_welded_in_whatever_order_they_are_listed():
@@ -383,6 +327,5 @@ def test_triangles_are_welded_in_whatever_order_they_are_listed():
     a, b, c = chain[0]
     solid = Solid.from_triangles(np.array([*chain, (a, a, b), (a, b, a), (c, b, b)]))
     assert (len(solid.faces), len(solid.edges)) == (12, 12)
-    assert np.allclose(
-        solid.compute_section_corners()[[0, 2]], [(-0.04, -0.025, 0.05), (0.06, 0.025, 0.05)]
-    )
+    section = solid.compute_section_corners()[[0, 2]]
+    assert np.allclose(section, [(-0.04, -0.025, 0.05), (0.06, 0.025, 0.05)])

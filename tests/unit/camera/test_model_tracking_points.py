@@ -1,7 +1,5 @@
 """Points on the visible edges of solids, compared with independent code."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from tracking_scenes import CAMERA, RADIUS, corners_of, prism
@@ -15,8 +13,7 @@ SIZE = np.array([CAMERA.width, CAMERA.height])
 
 
 def drum() -> np.ndarray:
-    """Return a drum with 24 sides; in the image, each is shorter than the omitted ends of an edge.
-    """
+    """A prism whose 24 sides are shorter in the image than the omitted ends of an edge."""
     around = 2.0 * np.pi * np.arange(24) / 24
     return prism(RADIUS * np.column_stack([np.cos(around), np.sin(around)]), 0.0, 0.05)
 
@@ -80,7 +77,6 @@ def expected(solid, T, spacing) -> list[tuple]:
     (corners_of("bracket"), (0.02, -0.01, 0.3), (np.pi - 0.6, 0.4, 0.5), 3.0),
     (corners_of("bracket"), (-0.03, 0.03, 0.15), (1.9, -0.5, 2.5), 5.5),
     (corners_of("bracket"), (0.01, 0.005, 0.03), (0.4, 1.3, 0.2), 4.0),  # beside the camera
-    (corners_of("bracket"), (0.005, 0.027, 0.02), (1.12, -1.99, 2.0), 3.0),  # likewise
     (corners_of("bracket") * (1.0, 1.0, 0.04), (0.02, -0.01, 1.0), (2.6, 0.3, 0.4), 2.0),  # flat
     (corners_of("box"), (-0.1, 0.08, 0.35), (np.pi - 0.4, 0.2, 1.5), 2.5),
     (drum(), (0.03, 0.02, 0.35), (np.pi - 0.9, 0.1, 0.0), 4.0),
@@ -104,9 +100,7 @@ def test_outermost_are_faces_before_which_nothing_of_the_solid_lies(name):
 
 
 def test_there_are_no_more_points_than_there_is_room_for():
-    solid, T = (
-        Solid.from_triangles(corners_of("bracket")),
-        matrix_from_xyz_rpy((0.02, -0.01, 0.3), (2.5, 0.4, 0.5)),
-    )
+    solid = Solid.from_triangles(corners_of("bracket"))
+    T = matrix_from_xyz_rpy((0.02, -0.01, 0.3), (2.5, 0.4, 0.5))
     found, some = (sample_visible_edges(solid, CAMERA, T, spacing) for spacing in (0.3, 3.0))
     assert len(found.solid_points) == MAX_POINTS > len(some.solid_points)

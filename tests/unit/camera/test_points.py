@@ -21,11 +21,8 @@ def cloud_of(bench, topics, **settings):
         "width": 64, "height": 48, "near": 0.01, "depth": True, "update_rate": 1000.0, **settings})
     sensor = CameraSensor(config, create_renderer("exact", bench.world))
     frame = sensor.capture(link_pose(POSE), 1_000_000)
-    return (
-        sensor,
-        frame,
-        compute_points(sensor.compute_rays(), frame.depth, frame.image, topics),
-    )
+    points = compute_points(sensor.compute_rays(), frame.depth, frame.image, topics)
+    return sensor, frame, points
 
 
 POSE = looking([0.5, -0.3, 0.9], [0.05, 0.0, 0.1])

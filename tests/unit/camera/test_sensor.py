@@ -5,7 +5,6 @@ import logging
 import numpy as np
 import pytest
 from scenes import BRIGHT, link_pose, looking, table_and_target
-from scipy import fft
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.camera.effects import EffectChain, Effects, SensorModel
@@ -107,21 +106,12 @@ def test_a_camera_that_cannot_be_drawn_is_refused_at_once(bench):
             camera(renderer, camera_matrix=matrix)
     camera(renderer, camera_matrix=(1e-3, 1e7, 1e4, -1e4))
 
-
-def test_a_picture_for_which_there_is_no_memory_is_refused_at_once():
     class FullRenderer(Renderer):
         def prepare(self, view):
             raise MemoryError
 
     with pytest.raises(CameraError, match="not enough memory; make width and height smaller"):
-        camera(FullRenderer(World(), BRIGHT, 0))
-
-
-def test_camera_faster_than_physics_is_refused():
-    for rate in (2000, 1001):
-        with pytest.raises(CameraError, match=f"{rate} Hz is above the physics rate of 1000 Hz"):
-            camera(update_rate=float(rate)).check_time_step(MS)
-    camera(update_rate=1000.0).check_time_step(MS)
+        camera(FullRenderer(bench.world, BRIGHT, 0))
 
 
 def test_reset_and_rate_change():
@@ -136,6 +126,9 @@ def test_reset_and_rate_change():
     with pytest.raises(CameraError, match="2000 Hz is above the physics rate of 1000 Hz"):
         sensor.set_rate(2000.0, 0, MS)
     assert sensor.rate == 20.0
+    camera(update_rate=1000.0).check_time_step(MS)
+    with pytest.raises(CameraError, match="1001 Hz is above the physics rate of 1000 Hz"):
+        camera(update_rate=1001.0).check_time_step(MS)
     blurred = camera(update_rate=10.0, effects={"exposure_time": 0.02})
     with pytest.raises(CameraError, match="exposure_time 0.02 s must .* 0.0166667 s; .* this time"):
         blurred.set_rate(60.0, 0, MS)
@@ -154,12 +147,10 @@ def test_with_steps_longer_than_the_period_only_the_newest_picture_is_taken(capl
 
 
 def test_latency_delays_publication_not_the_stamp():
+    """And what waits survives a change of rate."""
     got = frames(camera(update_rate=10.0, latency=0.035), 400)
     assert [(tick // MS, f.stamp_ns // MS) for tick, f in got] == [(135, 100), (235, 200),
                                                                     (335, 300)]
-
-
-def test_frames_under_way_survive_a_change_of_rate():
     sensor = camera(update_rate=10.0, latency=0.25)
     assert not frames(sensor, 310)
     sensor.set_rate(20.0, 310 * MS, MS)
@@ -186,29 +177,10 @@ def test_a_blurred_picture_of_what_stands_is_as_bright_and_comes_after_its_expos
         ((after, frame),) = frames(camera(update_rate=10.0, effects=effects), 150)
         assert (after, frame.stamp_ns) == (tick * MS, 100 * MS)
         assert (frame.image == 100).all() and frame.image.dtype == np.uint8
-
-
-def test_motion_blur_begins_with_a_whole_exposure():
-    """Nobody looked before 95 ms; the shutter of the picture at 100 ms opened at 90 ms."""
+    # The shutter of the image at 100 ms opened at 90 ms, before there was a subscriber.
     sensor = camera(update_rate=10.0, effects={"exposure_time": 0.02})
     sensor.reset(95 * MS)
     assert [f.stamp_ns // MS for _, f in frames(sensor, 200, start=95 * MS)] == [200]
-
-
-@pytest.mark.parametrize("lens", [
-    {}, {"distortion_coefficients": [-0.3, 0.1, 0.001, 0.0, 0.0]},
-    {"lens": "equidistant", "horizontal_fov": 3.0, "cutoff_angle": 1.3},
-])  # fmt: skip
-def test_what_stands_still_is_the_same_row_by_row(bench, lens):
-    table_and_target(bench)
-    renderer = create_renderer("exact", bench.world)
-    one, other = (CameraSensor(CameraConfig.from_mapping({
-        "width": 160, "height": 118, "horizontal_fov": 1.2, "near": 0.02, "depth": True, **lens,
-        "effects": effects}), renderer) for effects in ({}, {"row_time": 1e-4}))  # fmt: skip
-    before, rolling = (s.capture(DOWN, 50 * MS) for s in (one, other))
-    apart = np.abs(before.image.astype(int) - rolling.image)
-    assert apart.max() <= 2 and (apart > 0).mean() < 0.01
-    np.testing.assert_array_equal(before.depth, rolling.depth)
 
 
 def test_a_triggered_picture_is_read_before_the_next_one_begins():
@@ -217,23 +189,10 @@ def test_a_triggered_picture_is_read_before_the_next_one_begins():
         sensor.trigger(100 * MS, MS)
     first, second = (frame.stamp_ns for _, frame in frames(sensor, 300, start=100 * MS))
     assert first == 101 * MS and second == first + 32 * MS
-
-
-@pytest.mark.parametrize(("effects", "told"), [
-    ({"row_time": 0.005},
-     "row_time 0.005 s of 8 rows, which takes 0.04 s in all, .* period of 0.0333333 s"),
-    ({"exposure_time": 0.04}, "exposure_time 0.04 s must be shorter than the image period"),
-    ({"exposure_time": 0.02, "row_time": 0.002},
-     "exposure_time and row_time .* together 0.036 s"),
-    ({"row_time": -1e-5}, "row_time is -1e-05, must be >= 0"),
-    ({"auto_exposure": {"target": 300}}, "auto_exposure.target is 300"),
-    ({"auto_exposure": {"least": 2.0}}, "set least <= 1"),
-])  # fmt: skip
-def test_impossible_times_are_one_clear_line(effects, told):
-    with pytest.raises(CameraError, match=told) as raised:
-        camera(update_rate=30.0, effects=effects)
-    camera(update_rate=30.0, effects={"exposure_time": 0.017, "row_time": 0.002})  # 0.033 s
-    assert "\n" not in str(raised.value)
+    sensor = camera(trigger_topic="go", effects={"exposure_time": 0.004, "exposure_samples": 4})
+    for _ in range(2):
+        sensor.trigger(0, MS)
+    assert [f.stamp_ns for _, f in frames(sensor, 20)] == [2_500_000, 6_500_000]
 
 
 @pytest.mark.parametrize(("gain", "vignetting", "shot"), [
@@ -244,7 +203,10 @@ def test_auto_exposure_brings_the_mean_to_its_target(gain, vignetting, shot):
                    "vignetting": vignetting}  # fmt: skip
         sensor = camera(grey_renderer(level), update_rate=100.0, effects=effects, width=64,
                         height=48)
-        return [frame.image.mean() for _, frame in frames(sensor, 200)]
+        found = [frame.image.mean() for _, frame in frames(sensor, 200)]
+        sensor.reset(0)
+        assert [frame.image.mean() for _, frame in frames(sensor, 60)] == found[:6]
+        return found
 
     for level in (30, 160):
         found = means(level)
@@ -253,14 +215,6 @@ def test_auto_exposure_brings_the_mean_to_its_target(gain, vignetting, shot):
         ratio = np.log(90.0 / found[1]) / np.log(90.0 / found[0])
         assert ratio == pytest.approx(0.5, abs=0.1)
     assert means(20, most=2.0)[-1] == pytest.approx(2.0 * 20 * gain * (1 - vignetting / 3), abs=1.0)
-
-
-def test_auto_exposure_begins_anew_after_a_reset():
-    sensor = camera(grey_renderer(30), update_rate=100.0, effects={"auto_exposure": {}})
-    first = [frame.image.mean() for _, frame in frames(sensor, 60)]
-    sensor.reset(0)
-    assert [frame.image.mean() for _, frame in frames(sensor, 60)] == first
-    assert first[0] == 30 and first[-1] > 100
 
 
 def test_depth_is_that_of_the_middle_of_the_exposure(bench):
@@ -287,11 +241,16 @@ def test_depth_is_that_of_the_middle_of_the_exposure(bench):
     assert frame.depth is None
 
 
-def test_noise_has_the_asked_statistics_and_a_seed():
+@pytest.mark.parametrize("stddev", [1.0, 20.0])
+def test_noise_has_the_asked_statistics_and_a_seed(stddev):
     grey = np.full((240, 320, 3), 128, np.uint8)
-    chain = EffectChain(Effects(noise_stddev=5.0, noise_mean=2.0), grey.shape, seed=4)
+    chain = EffectChain(Effects(noise_stddev=stddev, noise_mean=2.0), grey.shape, seed=4)
+    noise = np.array([chain.apply(grey, stamp) for stamp in range(12)]) - 130.0
+    # Of 2.8 million values the deviation itself deviates by 0.04 %.
+    assert noise.std() == pytest.approx(stddev, rel=1.5e-3)
+    assert noise.mean() == pytest.approx(0.0, abs=4 * stddev / np.sqrt(noise.size))
+    assert (noise**4).mean() / (noise**2).mean() ** 2 == pytest.approx(3.0, abs=0.08)
     first, second = chain.apply(grey, 33), chain.apply(grey, 66)
-    assert first.mean() == pytest.approx(130.0, abs=0.1)
     for other in (second, EffectChain(chain.effects, grey.shape, 5).apply(grey, 33)):
         assert abs(np.corrcoef(first.ravel(), other.ravel())[0, 1]) < 0.02
     part = np.full((240, 640, 3), 128, np.uint8)[:, :320]
@@ -307,38 +266,6 @@ def test_noise_stays_within_what_a_byte_holds():
     assert dark.max() < 40 and dark.min() == 0 and bright.min() > 225 and bright.max() == 255
     assert grey.mean() == pytest.approx(103.0, abs=0.6)
     assert grey.std() == pytest.approx(6.0, rel=0.1)
-
-
-@pytest.mark.parametrize("stddev", [1.0, 20.0])
-def test_noise_is_as_strong_as_asked(stddev):
-    grey = np.full((240, 320, 3), 128, np.uint8)
-    chain = EffectChain(Effects(noise_stddev=stddev), grey.shape, seed=2)
-    noise = np.array([chain.apply(grey, stamp) for stamp in range(12)]) - 128.0
-    # Of 2.8 million values the deviation itself deviates by 0.04 %.
-    assert noise.std() == pytest.approx(stddev, rel=1.5e-3)
-    assert noise.mean() == pytest.approx(0.0, abs=4 * stddev / np.sqrt(noise.size))
-    assert (noise**4).mean() / (noise**2).mean() ** 2 == pytest.approx(3.0, abs=0.08)
-
-
-def test_pictures_share_no_piece_of_their_noise():
-    grey = np.full((120, 160, 3), 128, np.uint8)
-    chain = EffectChain(Effects(noise_stddev=5.0), grey.shape, seed=3)
-    noise = np.array([chain.apply(grey, 33 * k).ravel() for k in range(24)]) - 128.0
-    spectra = np.fft.rfft(noise, axis=1)
-    for one in range(23):
-        for other in spectra[one + 1:]:
-            likeness = np.fft.irfft(spectra[one] * other.conj())
-            # 16 million of them lie within 5.5 deviations of 25 sqrt(57 600).
-            assert np.abs(likeness).max() < 6.5 * 25 * 240
-
-
-def test_noise_of_a_large_picture_does_not_repeat_inside_it():
-    """1600 x 1200 in colour has 5.8 million values, of which 2**22 are transformed fast."""
-    grey = np.full((1200, 1600, 3), 128, np.uint8)
-    noise = EffectChain(Effects(noise_stddev=5.0), grey.shape, 1).apply(grey, 1).ravel()
-    spectrum = np.abs(fft.rfft(noise[:2**22].astype(np.float32) - 128.0)) ** 2
-    correlation = fft.irfft(spectrum)
-    assert np.abs(correlation[1:]).max() < 0.01 * correlation[0]
 
 
 @pytest.mark.parametrize("format", ["rgb8", "bgr8", "mono8", "mono16", "bayer_grbg8"])
@@ -379,47 +306,20 @@ def test_noise_is_that_of_a_characterised_sensor(level, exposure, gain):
     assert out.var() == pytest.approx(variance, rel=0.02)
 
 
-@pytest.mark.parametrize(("sensor", "effects", "told"), [
-    ({"gain": 0.01}, {}, "effects.sensor.full_well is missing"),
-    ({"gain": 0.0, "full_well": 1e4}, {}, "effects.sensor.gain is 0.0, must be > 0"),
-    ({"gain": 0.01, "full_well": -1}, {}, "full_well is -1.0, must be > 0"),
-    ({"gain": 1e-5, "full_well": 1e4}, {}, "is only 0.1 grey levels, so that images would be"),
-    ({"gain": 0.01, "full_well": 1e4, "read_noise": 2e4}, {}, "read_noise 20000 e- is not below"),
-    ({"gain": 0.01, "full_well": 1e4, "dark_current": 5.0}, {}, "exposure_time, which is 0"),
-    ({"gain": 0.01, "full_well": 1e4}, {"shot_noise": 0.1}, "remove effects.shot_noise"),
-])  # fmt: skip
-def test_impossible_figures_of_a_sensor_are_one_clear_line(sensor, effects, told):
-    with pytest.raises(CameraError, match=told) as raised:
-        CameraConfig.from_mapping({"effects": {"sensor": sensor, **effects}})
-    assert "\n" not in str(raised.value)
-
-
 @pytest.mark.parametrize(("level", "exposure", "gain", "shot", "stddev", "mean"), [
     (40, 1.25, 2.0, 0.25, 3.0, 7.0), (40, 1.25, 2.0, 0.25, 0.0, -6.0),
     (120, 0.5, 0.5, 0.5, 4.0, 0.0), (200, 2.0, 0.4, 0.25, 2.0, -6.0),  # full wells
     (40, 1.25, 2.0, 0.0, 3.0, 7.0), (120, 0.5, 0.5, 0.0, 4.0, -6.0),
-])  # fmt: skip
-def test_gain_amplifies_light_and_its_noise_and_not_the_reading_s(
-    level, exposure, gain, shot, stddev, mean
-):
+])
+def test_gain_amplifies_light_and_not_reading_noise(level, exposure, gain, shot, stddev, mean):
     effects = Effects(shot_noise=shot, exposure=exposure, gain=gain, noise_stddev=stddev,
-                      noise_mean=mean)  # fmt: skip
+                      noise_mean=mean)
     grey = np.full((240, 320, 3), level, np.uint8)
     light = min(level * exposure, 255.0)
     out = EffectChain(effects, grey.shape, 3).apply(grey, 5)
     assert out.mean() == pytest.approx(gain * light + mean, abs=0.15)
     rounding = 1 / 12 if shot else 0.0  # what is added without shot noise is less by it
     assert out.var() == pytest.approx(gain**2 * shot * light + stddev**2 + rounding, rel=0.02)
-
-
-@pytest.mark.parametrize("shot", [0.0, 0.25])
-def test_a_corner_gets_less_light_also_where_light_is_noisy(shot):
-    grey = np.full((240, 320, 3), 100, np.uint8)
-    effects = Effects(shot_noise=shot, vignetting=0.4, exposure=1.2, gain=1.5)
-    chain = EffectChain(effects, grey.shape, 3)
-    out = np.mean([chain.apply(grey, stamp) for stamp in range(20)], axis=0)
-    assert out[110:130, 150:170].mean() == pytest.approx(180.0, rel=0.01)
-    assert out[:4, :4].mean() == pytest.approx(0.6 * 180.0, rel=0.03)
 
 
 def test_exposure_gain_and_vignetting():
@@ -489,25 +389,18 @@ def test_a_camera_inside_a_body_says_so_unless_it_is_its_own(bench, caplog, name
 
 def test_depth_and_segmentation_come_with_the_frame(bench):
     table_and_target(bench)
-    sensor = CameraSensor(
-        CameraConfig.from_mapping({"horizontal_fov": 2.0, "near": 0.02, "depth": True,
-                                   "segmentation": True, "format": "mono8"}),
-        create_renderer("exact", bench.world, BRIGHT),
-    )
+    sensor = CameraSensor(CameraConfig.from_mapping({
+        "horizontal_fov": 2.0, "near": 0.02, "depth": True, "segmentation": True,
+        "format": "mono8"}), create_renderer("exact", bench.world, BRIGHT))
     frame = sensor.capture(DOWN, 40 * MS)
     assert frame.image.shape == (240, 320)
-    assert frame.depth[120, 160] == pytest.approx(0.782 - 0.5905, abs=1e-5)
-    assert frame.depth[10, 10] == pytest.approx(0.782 - 0.59, abs=1e-5)
-    assert frame.segmentation[120, 160] == 1
-    assert frame.segmentation[10, 10] == 0
-
-
-def triggered(**settings):
-    return camera(trigger_topic="go", update_rate=30.0, **settings)
+    for pixel, height, label in (((120, 160), 0.5905, 1), ((10, 10), 0.59, 0)):
+        assert frame.depth[pixel] == pytest.approx(0.782 - height, abs=1e-5)
+        assert frame.segmentation[pixel] == label
 
 
 def test_a_triggered_camera_exposes_once_for_each_trigger(caplog):
-    sensor = triggered()
+    sensor = camera(trigger_topic="go", update_rate=30.0)
     assert not frames(sensor, 100)
     sensor.trigger(100 * MS, MS)
     sensor.trigger(100 * MS, MS)  # close together: two pictures, one a step
@@ -521,10 +414,3 @@ def test_a_triggered_camera_exposes_once_for_each_trigger(caplog):
     streaming = camera(update_rate=30.0)
     streaming.trigger(0, MS)
     assert [f.stamp_ns for _, f in frames(streaming, 40)] == [33_333_333]
-
-
-def test_a_triggered_exposure_begins_after_its_trigger():
-    sensor = camera(trigger_topic="go", effects={"exposure_time": 0.004, "exposure_samples": 4})
-    sensor.trigger(0, MS)
-    sensor.trigger(0, MS)
-    assert [f.stamp_ns for _, f in frames(sensor, 20)] == [2_500_000, 6_500_000]

@@ -1,7 +1,5 @@
 """Preparation of textures: reduced sizes, and sample positions in a pixel."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

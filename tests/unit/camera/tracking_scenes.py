@@ -87,9 +87,7 @@ def block(middle: tuple[float, float], size: tuple[float, float], turn: float, l
     return prism(sides @ np.array([(c, s), (-s, c)]) + middle, low, high)
 
 
-def spawn(
-    world: World, name: str, folder: Path, parts: list[tuple[np.ndarray, float]]
-) -> Model:
+def spawn(world: World, name: str, folder: Path, parts: list[tuple[np.ndarray, float]]) -> Model:
     """Spawn a body that hangs where it is put, made of parts as in write_obj."""
     mesh = write_obj(folder / f"{name}.obj", parts)
     visual = Visual("visual", (0, 0, 0), (0, 0, 0), Geometry("mesh", filename=str(mesh)))

@@ -27,8 +27,7 @@ def sdf(inside):
      (0.6, 0.2)),
     ("<restitution_coefficient>1</restitution_coefficient>", (1.0, 0.0)),
     ("<restitution_coefficient>0</restitution_coefficient>", (0.0, 0.0)),
-    ("<threshold>0.2</threshold>", None),
-    ("", None),
+    ("<threshold>0.2</threshold>", None), ("", None),
 ])
 def test_a_surface_s_bounce(parsed, inside, expected):
     assert parsed(inside).bounce == expected

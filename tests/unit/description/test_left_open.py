@@ -5,17 +5,9 @@ from dataclasses import astuple
 
 import pytest
 
-from aras_sim_bridge.description import (
-    CameraPlugin,
-    DepthDescription,
-    parse_sdf,
-    parse_urdf,
-    read_sdf,
-    world_file,
-)
+from aras_sim_bridge.description import CameraPlugin, parse_sdf, parse_urdf, read_sdf, world_file
 from aras_sim_bridge.description.types import SUN as SUN_OF_GAZEBO
 from aras_sim_bridge.errors import DescriptionError
-from aras_visual_servo_base.settings import build
 
 NONE = (0.0, 0.0, 0.0)
 HERE = (NONE, NONE)
@@ -130,17 +122,3 @@ def test_a_camera_and_its_plugin_in_full(file, expected):
         assert astuple(made.cameras[0]) == (
             "e", "a", HERE, "camera", 0.0, 1.047, 320, 240, "R8G8B8", 0.1, 100.0,
             ("gaussian", 0.0, 0.0), (0.0,) * 5, (0.5, 0.5), LENS, expected, "")
-
-
-@pytest.mark.parametrize(("name", "fits", "beyond"), [
-    ("farthest", (math.inf, 1e-9), (0.0, -1.0, -math.inf, math.nan)),
-    ("nearest", (0.0, 2.5), (-1e-9, math.inf, math.nan)),
-])
-def test_how_far_a_depth_camera_may_see(name, fits, beyond):
-    """Without end, but not from there on."""
-    for value in fits:
-        made = build(DepthDescription, {name: value}, "depth_topics", DescriptionError)
-        assert getattr(made, name) == value
-    for value in beyond:
-        with pytest.raises(DescriptionError, match=f"depth_topics.*{name} is"):
-            build(DepthDescription, {name: value}, "depth_topics", DescriptionError)

@@ -113,8 +113,10 @@ def test_models_of_a_world_by_frames_and_by_models():
     box = "<model name='{}'>{}<link name='l'>{}</link></model>"
     found = read_sdf("<sdf><world name='w'>" + box.format("p", pose(C, "q::l"), "")
                      + box.format("q", pose(B, "f"), pose(C)) + f"<frame name='f'>{pose(A)}</frame>"
-                     "</world></sdf>")
+                     f"<frame name='g' attached_to='f'>{pose(C)}</frame><light name='k'>"
+                     f"{pose(B, 'g')}</light></world></sdf>")
     assert not found.warnings
+    np.testing.assert_allclose(found.lights[0].pose.matrix(), (A @ C @ B).matrix(), atol=1e-12)
     for one, at in zip(found.models, (A @ B @ C @ C, A @ B), strict=True):
         np.testing.assert_allclose(Pose.from_rpy(*one.initial_pose).matrix(), at.matrix(),
                                    atol=1e-12)

@@ -1,5 +1,7 @@
 """Supported elements; every unsupported element is named once."""
 
+import re
+
 import pytest
 
 from aras_sim_bridge.description import parse_urdf, read_sdf
@@ -18,19 +20,8 @@ SENSORS = {
     "wideanglecamera": "<camera><lens>{}</lens></camera>",
     "contact": "<contact>{}</contact>", "imu": "<imu>{}</imu>",
 }
-SDF_LINK = ("<link name='l'>{{}}</link>", "<link name='l'><inertial>{{}}</inertial></link>",
-            "<link name='l'><visual name='v'>{{}}<geometry><box><size>1 1 1</size></box></geometry>"
-            "</visual></link>",
-            "<link name='l'><visual name='v'><material>{{}}</material><geometry><empty/></geometry>"
-            "</visual></link>",
-            "<link name='l'><collision name='c'><surface><friction><ode>{{}}</ode></friction>"
-            "</surface><geometry><empty/></geometry></collision></link>",
-            "<link name='l'><collision name='c'><surface><contact><ode>{{}}</ode></contact>"
-            "</surface><geometry><empty/></geometry></collision></link>")
-SDF_JOINT = ("{{}}", "<axis>{{}}</axis>", "<axis><dynamics>{{}}</dynamics></axis>",
-             "<axis><limit>{{}}</limit></axis>", "<physics><ode>{{}}</ode></physics>",
-             "<sensor name='f' type='force_torque'>{{}}</sensor>",
-             "<sensor name='f' type='force_torque'><force_torque>{{}}</force_torque></sensor>")
+JOINT_SENSOR = "<sensor name='f' type='force_torque'><force_torque>{}</force_torque></sensor>"
+JOINT = "<joint name='k' type='revolute'><parent>a</parent><child>b</child>{}</joint>"
 
 
 def urdf_places():
@@ -44,12 +35,8 @@ def urdf_places():
         for text in ("{}" + inside.format(""), inside):
             yield URDF.format(**{**empty, "a": f"<sensor name='s' type='{kind}'>{text}</sensor>"})
     yield URDF.format(**{**empty, "j": "<sensor name='s' type='force_torque'>{}</sensor>"})
-    for inside in SDF_LINK:
-        yield URDF.format(**{**empty, "gazebo": inside.format()})
-    for inside in SDF_JOINT:
-        joint = ("<joint name='k' type='revolute'><parent>a</parent><child>b</child>"
-                 f"{inside.format()}</joint>")
-        yield URDF.format(**{**empty, "gazebo": joint})
+    for inside in ("<link name='l'>{}</link>", JOINT, JOINT.format(JOINT_SENSOR)):
+        yield URDF.format(**{**empty, "gazebo": inside})
 
 
 def said(text):
@@ -68,7 +55,7 @@ def test_an_element_that_is_not_served_is_named_once(place):
     """In every block of URDF and of <gazebo> tags, and other programs' are not; SDF's blocks:
     test_sdf_elements.py."""
     for text in UNKNOWN:
-        tag = text[1:].split()[0].rstrip("/>").partition(">")[0]
+        tag = re.match(r"<(\w+)", text)[1]
         before = said(place.replace("{}", ""))
         named = [one for one in said(place.replace("{}", text)) if one not in before]
         assert sum(f"<{tag}>" in one for one in named) == 1, named
@@ -88,30 +75,15 @@ def test_one_sentence_names_what_is_left_out_in_the_same_places():
         "<gazebo reference='a'> and 1 more: <kp>, <kd> are ignored, because they are not supported"]
 
 
-def values():
-    """(block, tag, a value with which it is said in vain, one with which it is not)."""
-    for block in ("gazebo link", "gazebo joint"):
-        for tag, entry in BLOCKS[block].items():
-            if isinstance(entry, tuple):
-                yield block, tag, str(entry[0]), "7"
-
-
-@pytest.mark.parametrize(("block", "tag", "idle", "other"), list(values()))
-def test_what_says_what_holds_anyway_is_not_named(block, tag, idle, other):
-    reference = "a" if block.endswith("link") else "j"
-    text = f"<gazebo reference='{reference}'><mu1>0.5</mu1><{tag}>{{}}</{tag}></gazebo>"
-    text = GAZEBO.format(text)
-    if block.endswith("joint"):
-        text = text.replace("<mu1>0.5</mu1>", "")
-    assert said(text.format("0.5" if idle == "mu1" else idle)) == []
-    assert any(f"<{tag}>" in one for one in said(text.format(other)))
-
-
-def test_yes_and_no_are_words_of_gazebo_s_tags():
-    text = "<gazebo><static>yes</static></gazebo><gazebo reference='a'><turnGravityOff>no" \
-           "</turnGravityOff></gazebo>"
-    made = parse_urdf(GAZEBO.format(text))
-    assert made.static and made.links["a"].gravity and not made.warnings
+@pytest.mark.parametrize(("reference", "tag", "idle"), [
+    (reference, tag, entry[0])
+    for reference, block in (("a", "gazebo link"), ("j", "gazebo joint"))
+    for tag, entry in BLOCKS[block].items() if isinstance(entry, tuple)])
+def test_what_says_what_holds_anyway_is_not_named(reference, tag, idle):
+    friction = "<mu1>0.5</mu1>" if reference == "a" else ""
+    text = f"<gazebo reference='{reference}'>{friction}<{tag}>{{}}</{tag}></gazebo>"
+    assert said(GAZEBO.format(text.format("0.5" if idle == "mu1" else idle))) == []
+    assert any(f"<{tag}>" in one for one in said(GAZEBO.format(text.format(7))))
 
 
 def test_gazebo_tags_add_links_and_joints_and_close_chains():
@@ -134,28 +106,27 @@ def test_gazebo_tags_add_links_and_joints_and_close_chains():
 
 
 @pytest.mark.parametrize(("tag", "reason"), [
-    ("<gazebo><link name='a'/></gazebo>",
-     "two links are named 'a'; rename one; the link is ignored"),
-    ("<gazebo><link/></gazebo>", "needs a name of 1 to 256 characters; the link is ignored"),
-    ("<gazebo><joint name='k' type='ball'><parent>a</parent><child>b</child></joint></gazebo>",
-     "joint 'k': joint type 'ball' is not supported"),
-    ("<gazebo><joint name='k' type='fixed'><parent>a</parent><child>c</child></joint></gazebo>",
-     "joint 'k': link 'c' does not exist; correct the name; the joint is ignored"),
-    ("<gazebo><joint name='j' type='fixed'><parent>a</parent><child>b</child></joint></gazebo>",
-     "two joints are named 'j'; rename one; the joint is ignored"),
+    ("<link name='a'/>", "two links are named 'a'; rename one; the link is ignored"),
+    ("<link/>", "needs a name of 1 to 256 characters; the link is ignored"),
+    (JOINT.format("").replace("revolute", "ball"), "joint 'k': joint type 'ball' is not supported"),
+    (JOINT.format("").replace(">b", ">c"), "joint 'k': link 'c' does not exist; correct the name"),
+    (JOINT.format("").replace("'k'", "'j'"), "two joints are named 'j'; rename one; the joint is"),
 ])
 def test_what_a_gazebo_tag_adds_and_cannot_be_is_left_out_and_named(tag, reason):
-    made = parse_urdf(GAZEBO.format(tag))
+    made = parse_urdf(GAZEBO.format(f"<gazebo>{tag}</gazebo>"))
     assert (list(made.links), list(made.joints), made.loops) == (["a", "b"], ["j"], ())
     (warning,) = made.warnings
     assert reason in warning
 
 
 def test_a_visual_of_a_gazebo_tag_paints_its_link():
-    made = parse_urdf(GAZEBO.format("<gazebo reference='b'><visual><material><ambient>1 0 0 1"
-                                    "</ambient><diffuse>0 1 0 1</diffuse></material></visual>"
-                                    "</gazebo>"))
+    """And yes and no are words of Gazebo's tags."""
+    made = parse_urdf(GAZEBO.format(
+        "<gazebo><static>yes</static></gazebo><gazebo reference='b'><turnGravityOff>no"
+        "</turnGravityOff><visual><material><ambient>1 0 0 1</ambient><diffuse>0 1 0 1</diffuse>"
+        "</material></visual></gazebo>"))
     assert made.colours == {"b": (0, 1, 0, 1)} and not made.warnings
+    assert made.static and made.links["b"].gravity
 
 
 @pytest.mark.parametrize(("root", "parts"), [("world", []), ("a", ["b"])])
@@ -214,9 +185,8 @@ def test_a_mesh_in_millimetres_is_named_with_the_scale(tmp_path, caplog):
         "facet normal 0 0 0\nouter loop\n" + "".join(
             "vertex {} {} {}\n".format(*corners[k]) for k in face) + "endloop\nendfacet\n"
         for face in faces) + "endsolid a\n")
-    text = ("<robot name='r'><link name='a'><inertial><mass value='1'/><inertia ixx='1' iyy='1' "
-            f"izz='1'/></inertial><visual><geometry><mesh filename='{path}'{{}}/></geometry>"
-            "</visual></link></robot>")
+    text = ("<robot name='r'><link name='a'><visual><geometry><mesh filename="
+            f"'{path}'{{}}/></geometry></visual></link></robot>")
     with World() as world:
         world.spawn(parse_urdf(text.format(" scale='0.001 0.001 0.001'")), "small")
         assert not caplog.messages

@@ -13,19 +13,11 @@ from aras_sim_bridge.description import (
     Visual,
     parse_urdf,
 )
-from aras_sim_bridge.description import (
-    shape_meshes as shapes,
-)
+from aras_sim_bridge.description import shape_meshes as shapes
 from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.rendering.scene import Scene
 from aras_sim_bridge.world import World
-from aras_visual_servo_base.meshes.mesh import (
-    Mesh,
-    check_reach,
-    from_corners,
-    from_indices,
-    normalise,
-)
+from aras_visual_servo_base.meshes.mesh import Mesh, from_corners, from_indices
 from aras_visual_servo_base.poses import Pose
 
 BOX = Geometry("box", size=(0.2, 0.4, 0.6))
@@ -72,19 +64,7 @@ def test_a_plane_is_a_rectangle_that_its_normal_leaves(normal):
     assert np.linalg.norm(endless.positions, axis=1) == pytest.approx(50 * math.sqrt(2))
 
 
-def test_a_mirrored_mesh_keeps_its_outside_outside():
-    (box,) = shapes.make_meshes(BOX)
-    T = np.array(Pose.from_rpy((1, 2, 3), (0.1, 0.2, 0.3)).matrix())
-    for scale in ((1, 1, 1), (2, 3, -1), (-1, -2, 1), (-1, -1, -1)):
-        moved = box.transform(T, scale)
-        assert volume(moved) == pytest.approx(0.048 * abs(np.prod(scale)), rel=1e-5)
-        a, b, c = corners(moved).transpose(1, 0, 2)
-        outward = np.cross(b - a, c - a)
-        assert (np.einsum("ni,ni->n", outward, moved.normals[moved.triangles[:, 0]]) > 0).all()
-        assert moved.positions.mean(axis=0) == pytest.approx((1, 2, 3), abs=1e-5)
-
-
-@pytest.mark.parametrize("scale", [(1, 1, 1), (2, 3, -1), (0.5, 4, 1)])
+@pytest.mark.parametrize("scale", [(1, 1, 1), (2, 3, -1), (-0.5, -4, 1)])
 def test_a_stretched_ball_s_normals_stand_on_its_surface(scale):
     (ball,) = shapes.make_meshes(Geometry("sphere", radius=0.5))
     turn = Pose.from_rpy((1, 2, 3), (0.1, 0.2, 0.3))
@@ -151,15 +131,6 @@ def test_edges_are_sharp_and_round_things_smooth():
     assert roof(math.radians(34)).normals[:, 2].max() == pytest.approx(1.0)
 
 
-def test_numbers_are_within_reach_and_no_normal_stays_none():
-    check_reach(np.array([3.0, -1e9]), "position")
-    with pytest.raises(DescriptionError, match="a position is 1e\\+09, above 1e\\+09"):
-        check_reach(np.array([3.0, -1.0001e9]), "position")
-    with np.errstate(all="raise"):
-        assert normalise(np.array([[0.0, 3.0, 4.0], [0, 0, 0]])).tolist() == [[0, 0.6, 0.8],
-                                                                              [0, 0, 0]]
-
-
 def test_faces_without_an_area_are_left_out():
     flat = [(0, 0, 0), (1, 0, 0), (2, 0, 0)]
     mesh = from_corners([[(0, 0, 0), (1, 0, 0), (0, 1, 0)], flat])
@@ -188,8 +159,6 @@ def test_a_file_s_own_normals_and_coordinates():
     with pytest.raises(DescriptionError, match="a normal is not finite"):
         from_indices(index, v, vt, vn * [1, 1, math.inf], None, None)
 
-
-# ------------------------------------------------------------------ a world's shapes
 
 def body(*visuals, colours=(), com=None, name="r"):
     """A model of one link."""
@@ -262,41 +231,3 @@ def test_colours_go_link_mesh_white_and_the_invisible_is_left_out(tmp_path):
     assert drawn() == [(0, 1, 0, 1), (0.7, 0.7, 0.7, 1)]  # no library has the second material
     assert drawn(link=(1, 0, 0, 0.5)) == [(1, 0, 0, 0.5)] * 2
     assert drawn(link=(1, 0, 0, 0)) == []
-
-
-def test_the_scene_follows_the_world():
-    with World() as world:
-        scene = Scene(world)
-        visual = Visual("v", (0, 0, 0), (0, 0, 0), BOX)
-        assert scene.refresh() and not scene.refresh()
-        assert scene.version == 1 and not scene.visuals
-        world.spawn(body(), "unseen")
-        model = world.spawn(body(visual), "m")
-        assert scene.refresh()
-        assert scene.compute_labels().tolist() == [model.body_id]
-        assert scene.read_poses().shape == (1, 4, 4)
-        world.reset_simulation()
-        assert scene.refresh(), "a mesh file may have changed"
-        world.delete("m")
-        assert scene.refresh() and not scene.visuals and scene.read_poses().shape == (0, 4, 4)
-        assert scene.version == 4
-
-
-def test_poses_between_the_snapshot_and_now():
-    """Half of the way, the short way round."""
-    with World() as world:
-        model = world.spawn(body(Visual("v", (0, 0, 0), (0, 0, 0), BOX)), "m",
-                            Pose.from_rpy((0, 0, 0), (0, 0, 3.1)))
-        scene = Scene(world)
-        scene.snapshot()
-        model.set_pose(Pose.from_rpy((1, 0, 0), (0, 0, 3.2)))
-        for blend, yaw in ((0.0, 3.1), (0.5, 3.15), (1.0, 3.2), (2.0, 3.2)):
-            (pose,) = scene.interpolate_poses(blend)
-            assert pose[0, 3] == pytest.approx(min(blend, 1.0))
-            assert math.atan2(pose[1, 0], pose[0, 0]) % (2 * math.pi) == pytest.approx(yaw)
-
-
-def test_the_memory_of_a_mesh_is_counted():
-    arrays = np.zeros((4, 3), np.float32), np.zeros((4, 3), np.float32), np.zeros((2, 3), np.int32)
-    assert Mesh(*arrays).nbytes == 48 + 48 + 24
-    assert Mesh(*arrays, uv=np.zeros((4, 2), np.float32)).nbytes == 120 + 32

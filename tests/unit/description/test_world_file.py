@@ -5,16 +5,14 @@ from dataclasses import astuple, replace
 from pathlib import Path
 from xml.etree import ElementTree
 
-import numpy as np
 import pytest
 
 from aras_sim_bridge.description import read_sdf, world_file
 from aras_sim_bridge.description.lights import check_light
-from aras_sim_bridge.description.types import SUN, is_present
+from aras_sim_bridge.description.types import SUN
 from aras_sim_bridge.errors import DescriptionError, SimError, WorldError
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_visual_servo_base import safe_xml
-from aras_visual_servo_base.poses import Pose
 
 WORLDS = Path(__file__).parents[2] / "worlds"
 
@@ -23,37 +21,29 @@ BOX = ("<model name='{}'><pose>1 2 3 0 0 0.5</pose><static>1</static><link name=
        "</model>")
 
 
-def world(tmp_path, inside):
-    """The world file of this text, read."""
-    path = tmp_path / "a.world"
-    path.write_text(f"<sdf version='1.6'><world name='default'>{inside}</world></sdf>")
-    return world_file.load_world(str(path))
-
-
 def test_without_a_file_there_are_gazebo_s_ground_and_sun():
     found = world_file.load_world("")
     assert (found.time_step, found.gravity, found.update_rate) == (0.001, (0, 0, -9.8), 1000.0)
     assert found.ground_plane and found.lights == (SUN,) and not found.models
 
 
-def test_a_file_says_all_itself(tmp_path):
-    found = world(tmp_path, "<gravity>1 2 3</gravity><physics><max_step_size>.002</max_step_size>"
+def test_a_file_says_all_itself(read):
+    found = read("<gravity>1 2 3</gravity><physics><max_step_size>.002</max_step_size>"
                   "<real_time_update_rate>500</real_time_update_rate></physics>" + BOX.format("m")
                   + "<light name='l' type='point'/><plugin filename='x.so'/>")
     assert (found.time_step, found.gravity, found.update_rate) == (0.002, (1, 2, 3), 500.0)
     assert not found.ground_plane
     assert [m.name for m in found.models] == ["m"] and [i.name for i in found.lights] == ["l"]
-    assert found.warnings == ("world: plugin 'x.so' is ignored, because it is not "
-                              "known",)
+    assert found.warnings == ("world: plugin 'x.so' is ignored, because it is not known",)
     old = "<physics><gravity>0 0 -1</gravity></physics>"
     for text, gravity in ((old, (0, 0, -1)), ("<physics/>", (0, 0, -9.8)),
                           (old + "<gravity>1 2 3</gravity>", (1, 2, 3))):
-        found = world(tmp_path, text)
+        found = read(text)
         assert (found.time_step, found.gravity, found.update_rate) == (0.001, gravity, 1000.0)
 
 
-def test_models_are_put_where_the_file_has_them(tmp_path):
-    found = world(tmp_path, BOX.format("m") + BOX.format("n"))
+def test_models_are_put_where_the_file_has_them(read):
+    found = read(BOX.format("m") + BOX.format("n"))
     simulation = Simulation(SimulationConfig(ground_plane=False))
     world_file.populate(simulation.spawn, found)
     assert list(simulation.world.models) == ["m", "n"]
@@ -68,10 +58,13 @@ def test_models_are_put_where_the_file_has_them(tmp_path):
     ("<physics><max_step_size>fast</max_step_size></physics>", "<max_step_size>: 'fast' is not a"),
     ("<gravity>0 0</gravity>", "<gravity>: needs 3 numbers"),
     ("<state><sim_time>1</sim_time></state>", "sim_time: needs 2 numbers"),
+    *((f"<scene><{tag}>0 0 -1</{tag}></scene>", f"scene: {tag} 0 0 -1 must not be negative")
+      for tag in ("ambient", "background")),
+    ("<scene><aras:shadows>long</aras:shadows></scene>", "'long' is unknown; use none, hard, soft"),
 ])
-def test_what_is_wrong_is_named_with_the_file(tmp_path, inside, reason):
+def test_what_is_wrong_is_named_with_the_file(read, inside, reason):
     with pytest.raises(DescriptionError, match=reason) as refused:
-        world(tmp_path, inside)
+        read(inside)
     assert "a.world" in str(refused.value)
 
 
@@ -87,41 +80,29 @@ def test_files_that_are_no_world(tmp_path):
         world_file.load_world(str(path))
 
 
-def test_a_mesh_that_is_missing_is_left_out_and_named(tmp_path, monkeypatch):
+def test_a_mesh_that_is_missing_is_left_out_and_named(read, tmp_path, monkeypatch):
     monkeypatch.setenv("GAZEBO_MODEL_PATH", str(tmp_path))
     (tmp_path / "crate").mkdir()
     part = "<geometry><mesh><uri>model://{}</uri></mesh></geometry>"
     box = "<geometry><box><size>1 2 3</size></box></geometry>"
-    path = tmp_path / "one.world"
-    path.write_text(
-        '<sdf version="1.6"><world name="w"><model name="m"><link name="l">'
-        f'<visual name="a">{part.format("nowhere/a.dae")}</visual>'
-        f'<visual name="b">{box}<material><diffuse>1 0 0 1</diffuse></material></visual>'
-        f'<collision name="c">{part.format("crate/c.stl")}</collision>'
-        f'<collision name="d">{box}</collision></link></model></world></sdf>')
-    found = world_file.load_world(str(path))
+    text = ('<model name="m"><link name="l">'
+            f'<visual name="a">{part.format("nowhere/a.dae")}</visual>'
+            f'<visual name="b">{box}</visual>'
+            f'<collision name="c">{part.format("crate/c.stl")}</collision>'
+            f'<collision name="d">{box}</collision></link></model>')
+    found = read(text)
     link = found.models[0].links["l"]
     assert [v.name for v in link.visuals] == ["b"]
     assert [c.name for c in link.collisions] == ["d"]
     first, second = found.warnings
     assert "visual 'a'" in first and "nowhere" in first and "ignored" in first
     assert "collision 'c'" in second and "c.stl" in second
-    path.write_text(path.read_text().replace("nowhere/a.dae", "crate/../../a.dae"))
-    assert "outside of" in world_file.load_world(str(path)).warnings[0]
+    assert "outside of" in read(text.replace("nowhere/a.dae", "crate/../../a.dae")).warnings[0]
 
 
 DIRECTIONS = ("origin_xyz", "origin_rpy", "direction")
-STRENGTHS = ("diffuse", "specular", "attenuation_constant", "attenuation_linear",
-             "attenuation_quadratic", "attenuation_range", "spot_inner", "spot_outer",
-             "spot_falloff")  # fmt: skip
-
-
-@pytest.mark.parametrize(("change", "reason"), [
-    ({"name": ""}, "has no name"), ({"direction": (0.0, 0.0, 0.0)}, "direction is the zero vector"),
-])
-def test_a_light_has_a_name_and_a_direction(change, reason):
-    with pytest.raises(WorldError, match=reason):
-        check_light(replace(SUN, **change))
+STRENGTHS = ("diffuse", "specular", "spot_inner", "spot_outer", "spot_falloff", *(
+    f"attenuation_{part}" for part in ("constant", "linear", "quadratic", "range")))
 
 
 @pytest.mark.parametrize("what", [*DIRECTIONS, *STRENGTHS])
@@ -141,27 +122,11 @@ def test_each_number_of_a_light_is_finite_and_each_strength_not_negative(what):
     dark = replace(SUN, **{what: (0.0,) * count if count else 0.0})
     if what != "direction":
         assert check_light(dark) is dark
-
-
-@pytest.mark.parametrize(("shines", "right"), [
-    (((0.0, 1.0),), True), (((0.0, 1.0), (3.0, 4.0)), True), (((1.0, 1.0),), False),
-    (((0.0, 1.0), (2.0, 1.5)), False), (((-0.1, 1.0),), False),
-])
-def test_when_a_light_shines_rises_from_0_on(shines, right):
-    light = replace(SUN, lit_intervals=shines)
-    if right:
-        assert check_light(light) is light
     else:
-        with pytest.raises(WorldError, match="'sun': the lit interval is from .* s; it must start "
-                                             "at"):
-            check_light(light)
-
-
-def test_a_light_shines_from_after_the_start_to_the_end_of_each_interval():
-    times = (0.0, 0.5, 1.0, 1.5, 3.0, 3.5)
-    assert [is_present(((0.0, 1.0), (2.0, 3.0)), time) for time in times] == [
-        False, True, True, False, True, False]
-    assert is_present(None, 9.0) and not is_present((), 9.0)
+        with pytest.raises(WorldError, match="direction is the zero vector"):
+            check_light(dark)
+    with pytest.raises(WorldError, match="has no name"):
+        check_light(replace(SUN, name=""))
 
 
 @pytest.mark.parametrize(("inside", "expected"), [
@@ -174,36 +139,28 @@ def test_a_light_shines_from_after_the_start_to_the_end_of_each_interval():
     ("<scene><sky/><shadows>0</shadows></scene>",
      ((0.4, 0.4, 0.4, 1.0), (0.7, 0.7, 0.7, 1.0), True, "none")),
 ])
-def test_what_is_around_in_full(tmp_path, inside, expected):
-    found = world(tmp_path, inside)
+def test_what_is_around_in_full(read, inside, expected):
+    found = read(inside)
     assert astuple(found.scene) == expected
     assert astuple(found)[:5] == (0.001, (0.0, 0.0, -9.8), 1000.0, (), ())
     assert (found.ground_plane, found.warnings, found.time_ns) == (False, (), 0)
 
 
-@pytest.mark.parametrize("tag", ["ambient", "background"])
-def test_what_is_around_is_not_darker_than_black(tmp_path, tag):
-    with pytest.raises(DescriptionError, match=rf"a\.world: scene: {tag} 0 0 -1 must not be neg"):
-        world(tmp_path, f"<scene><{tag}>0 0 -1</{tag}></scene>")
-
-
 @pytest.mark.parametrize("count", [3, 7])
-def test_a_mesh_that_many_models_lack_is_named_in_one_line(tmp_path, count):
+def test_a_mesh_that_many_models_lack_is_named_in_one_line(read, count):
     """A course of barriers gave 180 lines."""
     model = ("<model name='m{}'><link name='l'><visual name='v'><geometry><mesh><uri>gone.dae</uri>"
              "</mesh></geometry></visual></link></model>")
-    file = tmp_path / "a.world"
-    file.write_text("<sdf version='1.6'><world name='w'>"
-                    + "".join(map(model.format, range(count))) + "</world></sdf>")
-    told = [one for one in world_file.load_world(str(file)).warnings if "gone.dae" in one]
+    found = read(*map(model.format, range(count)))
+    told = [one for one in found.warnings if "gone.dae" in one]
     assert len(told) == (3 if count == 3 else 1)
     assert "model 'm0'" in told[0]
     assert told[0].endswith(" (and in 6 more places)") == (count == 7)
 
 
-def test_what_a_model_warns_of_is_named_with_the_model(tmp_path):
+def test_what_a_model_warns_of_is_named_with_the_model(read):
     inside = "<model name='{0}'><link name='a'><sensor type='{1}'/></link></model>"
-    found = world(tmp_path, "<actor name='x'/>" + inside.format("m", "ray")
+    found = read("<actor name='x'/>" + inside.format("m", "ray")
                   + inside.format("n", "sonar"))
     assert found.warnings == (
         "SDF: <actor> 'x' is ignored, because it is not supported",
@@ -246,23 +203,3 @@ def test_what_was_parsed_is_read_and_not_changed(tmp_path, monkeypatch, name):
     roots = {model.name: model.root for model in first.models}
     assert (roots["lamp"], roots["n_clone_1"], roots["o"]) == ("world", "a", "p::a")
     assert repr(read_sdf(root)) == repr(first)
-
-
-def test_a_model_that_cannot_be_spawned_is_named_and_the_others_keep_their_numbers():
-    """Name, pose and joints are those of the file."""
-    made = [replace(model, initial_joints={"j": k}) for k, model in enumerate(parse_all(
-        "<model name='m'><pose>1 2 3 .1 .2 .3</pose><link name='a'/></model>"
-        "<model name='n'><link name='a'/></model>"))]
-    put = []
-    world_file.populate(lambda *given, **named: put.append((given, named)),
-                        world_file.WorldFile(models=tuple(made)))
-    assert [given[0] for given, _ in put] == made
-    assert [given[1] for given, _ in put] == ["m", "n"]
-    np.testing.assert_allclose(put[0][0][2].matrix(), Pose.from_rpy(
-        (1, 2, 3), (0.1, 0.2, 0.3)).matrix(), atol=1e-12)
-    assert put[1][0][2] == Pose()
-    assert [named for _, named in put] == [{"joint_positions": {"j": k}} for k in range(2)]
-
-
-def parse_all(text):
-    return read_sdf(f"<sdf>{text}</sdf>").models

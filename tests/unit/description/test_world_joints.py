@@ -28,16 +28,6 @@ def joint(parent, child, kind="fixed", name="j"):
             "</joint>")
 
 
-@pytest.fixture
-def read(tmp_path):
-    def world(*inside):
-        path = tmp_path / "a.world"
-        path.write_text(f"<sdf version='1.6'><world name='w'>{''.join(inside)}</world></sdf>")
-        return world_file.load_world(str(path))
-
-    return world
-
-
 def fallen(found):
     """How far each model's link comes down in 0.2 s, m, of an arm the moved one; a free one falls
     by 0.196 m."""

@@ -27,20 +27,11 @@ from feature_cases import (
 from aras_visual_servo_camera import moment_feature_values as features
 from aras_visual_servo_camera.errors import DegenerateFeatureError, UnavailableFeatureError
 from aras_visual_servo_camera.feature_plan import compute_required_order
-from aras_visual_servo_camera.formula import Formula
 from aras_visual_servo_camera.interaction import Plane, compute_raw_interaction, point_interaction
-from aras_visual_servo_camera.moment_feature_values import (
-    PAPER_FEATURES,
-    Reference,
-)
+from aras_visual_servo_camera.moment_feature_values import PAPER_FEATURES, Reference
 from aras_visual_servo_camera.moment_feature_values import compute_moment_features as compute
 from aras_visual_servo_camera.moments import DENSE, Moments, Pinhole, exponents
-from aras_visual_servo_camera.target_orientation import (
-    TargetOrientation,
-    compute_third_product,
-    compute_upright_moments,
-    rotate_third,
-)
+from aras_visual_servo_camera.target_orientation import TargetOrientation, compute_upright_moments
 
 MOMENTS = tuple(f"m{i}{j}" for i, j in exponents(5)) + tuple(f"mu{i}{j}" for i, j in exponents(5))
 COMBINATIONS = ("Sxn", "Syn", "Pyn", "r1", "r2", "c3", "C3 - 0.5 * C4", "sqrt(Px) / an")
@@ -83,24 +74,14 @@ def test_invariants_do_not_feel_translation_rotation_and_scale(make) -> None:
     """Of points m00 is in the place of a; Sxn, Syn turn as a vector."""
     outline, turn = random_view(3).image, rotation([0, 0, -2.1])[:2, :2]
     moved = 2.5 * outline @ turn.T + [0.7, -0.4]
-    names = tuple(n for n in INVARIANTS if n not in ("Sx", "Sy", "Py")) + ("r1", "r2", "Pyn")
+    names = (*(f"C{k}" for k in range(1, 11)), "C9", "C10", *(f"c{k}" for k in range(1, 11)), "r1",
+             "r2", "Px", "Pyn")
     before, after = (compute(make(shape), names, FRONT).values for shape in (outline, moved))
     scale = np.maximum(np.abs(before), 1.0)
     np.testing.assert_array_less(np.abs(after - before), 1e-10 * scale)
-    before, after = (
-        compute(make(shape), ("Sxn", "Syn"), FRONT).values for shape in (outline, moved)
-    )
+    np.testing.assert_allclose(before[:12], before[12:24])  # other names of the same features
+    before, after = (compute(make(one), ("Sxn", "Syn"), FRONT).values for one in (outline, moved))
     np.testing.assert_allclose(after, turn.T @ before, atol=1e-10)
-
-
-def test_other_names_are_the_same_features() -> None:
-    moments = Moments.from_polygon(L_SHAPE)
-    pairs = [("r1", "C9"), ("r2", "C10"), *((f"c{k}", f"C{k}") for k in range(1, 11))]
-    found = compute(moments, tuple(name for pair in pairs for name in pair), FRONT)
-    for one, other in pairs:
-        assert found[one] == pytest.approx(found[other], rel=1e-12), one
-        rows = (found.L[found.names.index(name)] for name in (one, other))
-        np.testing.assert_allclose(*rows, rtol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -136,14 +117,10 @@ def test_symmetry_is_judged_free_of_scale() -> None:
     assert compute(half_turned, ("alpha_full",), FRONT, reference)["alpha_full"] == pytest.approx(0)
 
 
-@pytest.mark.parametrize(
-    ("shape", "names"),
-    [
-        (SQUARE, ("alpha", "C1", "C2", "C3", "C6", "C9", "C10", "Sx", "Sy", "r1", "C2 + C7")),
-        (RECTANGLE, ("C2", "C3", "C4", "C5", "C6", "C9", "C10", "c4")),
-    ],
-    ids=["square", "rectangle"],
-)
+@pytest.mark.parametrize(("shape", "names"), [
+    (SQUARE, ("alpha", "C1", "C2", "C3", "C6", "C9", "C10", "Sx", "Sy", "r1", "C2 + C7")),
+    (RECTANGLE, ("C2", "C3", "C4", "C5", "C6", "C9", "C10", "c4")),
+])
 def test_undefined_features_say_so_and_are_never_nan(shape, names) -> None:
     result = compute(Moments.from_polygon(shape + 0.2), (*names, "xn"), FRONT, REFERENCE)
     assert set(result.degenerate) == set(names)
@@ -153,6 +130,9 @@ def test_undefined_features_say_so_and_are_never_nan(shape, names) -> None:
     with pytest.raises(DegenerateFeatureError, match="is undefined for this image") as caught:
         result[names[0]]
     assert caught.value.name == names[0]
+    nearly = Moments.from_polygon(SQUARE * [1.001, 1.0])
+    for tolerance, is_square in (({}, False), ({"tolerance": 0.01}, True)):
+        assert bool(compute(nearly, ("alpha",), FRONT, **tolerance).degenerate) is is_square
 
 
 def test_values_alone_are_those_beside_their_interaction_matrix() -> None:
@@ -161,28 +141,15 @@ def test_values_alone_are_those_beside_their_interaction_matrix() -> None:
     found, again = (compute(moments, names, plane, REFERENCE) for _ in range(2))
     assert found != again and len({found, again}) == 2, "arrays cannot be compared"
     assert found.degenerate.keys() == {"1 / (m00 - a)"} and found.values.all() == 0.0
+    assert "divides by zero" in found.degenerate["1 / (m00 - a)"] and found["an"] > 0.0
     assert (features.compute_feature_values(moments, names, plane, REFERENCE) == found.values).all()
     with pytest.raises(UnavailableFeatureError, match="up to order 4"):
         features.compute_feature_values(Moments.from_polygon(TARGET, 3), names, plane, REFERENCE)
 
 
-def test_tolerance_decides_for_a_nearly_square_target() -> None:
-    nearly = Moments.from_polygon(SQUARE * [1.001, 1.0])
-    assert not compute(nearly, ("alpha",), FRONT).degenerate
-    assert compute(nearly, ("alpha",), FRONT, tolerance=0.01).degenerate
-
-
-@pytest.mark.parametrize(
-    ("names", "order"),
-    [
-        (("area",), 2),
-        (PAPER_FEATURES, 3),
-        (("alpha_full",), 4),
-        (("C7",), 5),
-        (("C9",), 6),
-        (("m31",), 5),
-    ],
-)
+@pytest.mark.parametrize(("names", "order"), [
+    (("area",), 2), (PAPER_FEATURES, 3), (("alpha_full",), 4), (("C7",), 5), (("C9",), 6),
+    (("m31",), 5)])
 def test_only_the_needed_order_is_asked_for(names, order: int) -> None:
     assert compute_required_order(names) == order
     assert compute_required_order(("area",), "points") == 3
@@ -216,21 +183,21 @@ def test_without_a_plane_the_depth_comes_from_the_area() -> None:
     assert result["an"] == pytest.approx(0.8)
 
 
-@pytest.mark.parametrize(
-    ("names", "arguments", "text"),
-    [
-        (("xq",), {"plane": FRONT}, "no feature 'xq'"),
-        (("C1 +",), {"plane": FRONT}, "neither a feature nor a formula"),
-        (("exp(C1)",), {"plane": FRONT}, "no rule to differentiate"),
-        (("xn",), {"plane": FRONT}, "needs a reference"),
-        (("alpha",), {}, "give a plane, or a reference"),
-    ],
-)
-def test_wrong_requests_are_refused(names, arguments, text: str) -> None:
+@pytest.mark.parametrize(("make", "text"), [
+    (lambda shape: compute(shape, ("xq",), FRONT), "no feature 'xq'"),
+    (lambda shape: compute(shape, ("C1 +",), FRONT), "neither a feature nor a formula"),
+    (lambda shape: compute(shape, ("exp(C1)",), FRONT), "no rule to differentiate"),
+    (lambda shape: compute(shape, ("xn",), FRONT), "needs a reference"),
+    (lambda shape: compute(shape, ("alpha",)), "give a plane, or a reference"),
+    (lambda shape: Reference(0.0, 1.0), "positive area and depth"),
+    (lambda shape: compute_raw_interaction(shape, FRONT, 6), "need moments up to order 7"),
+    (lambda shape: Plane.fronto_parallel(0.0), "must be positive, got 0 m"),
+    (lambda shape: Plane.fronto_parallel(float("nan")), "must be positive, got nan m"),
+    (lambda shape: Plane.from_pose(np.eye(3), [1.0, 0.0, 0.0]), "move the camera out of this p"),
+])
+def test_wrong_requests_are_refused(make, text: str) -> None:
     with pytest.raises(UnavailableFeatureError, match=text):
-        compute(Moments.from_polygon(L_SHAPE), names, **arguments)
-    with pytest.raises(UnavailableFeatureError, match="positive area and depth"):
-        Reference(0.0, 1.0)
+        make(Moments.from_polygon(L_SHAPE))
 
 
 def test_result_is_immutable_and_in_the_asked_order() -> None:
@@ -244,65 +211,7 @@ def test_result_is_immutable_and_in_the_asked_order() -> None:
         result["an"]
 
 
-def test_formula_refuses_what_it_cannot_differentiate() -> None:
-    with pytest.raises(ValueError, match="no rule"):
-        Formula("a ** b")
-    assert repr(Formula("a + b")) == "Formula('a + b')"
-
-
-def test_a_program_is_its_formulas_one_by_one() -> None:
-    """Values and derivatives by the leaves, of names that rest on each other, and of a leaf."""
-    names = ("an", "xn", "C3 - 0.5 * C4", "xg", "Sx")
-    moments = Moments.from_polygon(L_SHAPE)
-    together = compute(moments, names, FRONT, REFERENCE)
-    for name in names:
-        alone = compute(moments, (name,), FRONT, REFERENCE)
-        assert together[name] == alone[name]
-        off = together.L[names.index(name)] - alone.L[0]
-        assert np.abs(off).max() <= 1e-12 * np.abs(alone.L).max()
-
-
-def test_one_feature_that_divides_by_zero_leaves_the_others() -> None:
-    moments = Moments.from_polygon(L_SHAPE)
-    names = ("xg", "1 / (xg - xg)", "an")
-    result = compute(moments, names, FRONT, REFERENCE)
-    assert set(result.degenerate) == {"1 / (xg - xg)"}
-    assert "divides by zero" in result.degenerate["1 / (xg - xg)"]
-    assert result["xg"] == moments.xg and result["an"] > 0.0
-    assert result.values[1] == 0.0 and not result.L[1].any()
-
-
-# -- planes and the orders of moments -----------------------------------------------------------
-
-
-def test_plane_from_pose_holds_its_points() -> None:
-    view = random_view(5)
-    for X, Y, Z in view.points:
-        assert view.plane.inverse_depth(X / Z, Y / Z) == pytest.approx(1 / Z, rel=1e-12)
-    assert Plane.fronto_parallel(0.5) == (0.0, 0.0, 2.0)
-
-
-def test_order_beyond_the_moments_is_refused() -> None:
-    moments = Moments.from_polygon(random_view(0).image, order=3)
-    assert len(compute_raw_interaction(moments, Plane(0, 0, 1))) == 6  # up to the second order
-    with pytest.raises(UnavailableFeatureError, match="need moments up to order 4"):
-        compute_raw_interaction(moments, Plane(0, 0, 1), 3)
-
-
-@pytest.mark.parametrize(
-    "make",
-    [
-        lambda: Plane.fronto_parallel(0.0),
-        lambda: Plane.fronto_parallel(float("nan")),
-        lambda: Plane.from_pose(np.eye(3), [1.0, 0.0, 0.0]),
-    ],
-)
-def test_impossible_planes_are_refused(make) -> None:
-    with pytest.raises(UnavailableFeatureError):
-        make()
-
-
-@pytest.mark.parametrize("points", [np.ones((4, 3)), np.ones((4, 1)), np.ones(2), []])
+@pytest.mark.parametrize("points", [np.ones((4, 3)), np.ones(2), []])
 def test_points_have_two_coordinates(points) -> None:
     with pytest.raises(UnavailableFeatureError, match="shape .*, must have the shape \\(n, 2\\)"):
         point_interaction(points, 1.0)
@@ -367,16 +276,6 @@ def test_a_tilted_view_is_turned_square_on(shape, make, turned: bool) -> None:
         assert found.alpha == pytest.approx(axis(moments.centred), abs=1e-12)
         assert abs(remainder(found.upright_alpha - axis(exact.centred), pi)) < TOLERANCE
         np.testing.assert_allclose(found.third, third(exact.centred), atol=TOLERANCE)
-
-
-def test_third_order_moments_turn_with_the_shape() -> None:
-    for angle in (-2.0, 0.3, 1.1):
-        turn = rotation([0, 0, angle])[:2, :2]
-        before = third(Moments.from_polygon(L_SHAPE).centred)
-        after = third(Moments.from_polygon(L_SHAPE @ turn.T).centred)
-        np.testing.assert_allclose(rotate_third(tuple(before), angle), after, atol=1e-12)
-        size = compute_third_product(tuple(before), tuple(before))
-        assert compute_third_product(tuple(after), tuple(after)) == pytest.approx(size, rel=1e-12)
 
 
 def test_no_orientation_without_third_order_or_main_axis() -> None:

@@ -1,7 +1,5 @@
 """Parameters of the camera node: defaults and errors."""
 
-from __future__ import annotations
-
 import pytest
 
 from aras_visual_servo_base.settings import list_defaults
@@ -24,29 +22,32 @@ def test_values_arrive() -> None:
     assert parameters.desired_corners == ((0, 0), (1, 0), (1, 1))
 
 
-@pytest.mark.parametrize(
-    ("given", "text"),
-    [
-        ({"threshold": 256}, "~threshold is 256.0, must be <= 255"),
-        ({"order": 9}, "~order is 9, must be <= 6"),
-        ({"order": 2}, "~order is 2, must be >= 3"),
-        ({"edge_band": 0}, "~edge_band is 0, must be >= 1"),
-        ({"edge_band": 21}, "~edge_band is 21, must be <= 20"),
-        ({"original_threshold": -1}, "~original_threshold is -1.0, must be >= 0"),
-        ({"original_threshold": 256}, "~original_threshold is 256.0, must be <= 255"),
-        ({"threshold": -1}, "~threshold is -1.0, must be >= 0"),
-        ({"adaptive_block": 1}, "~adaptive_block is 1, must be >= 3"),
-        ({"adaptive_offset": -1}, "~adaptive_offset is -1.0, must be >= 0"),
-        ({"colour_distance": 0}, "~colour_distance is 0.0, must be > 0"),
-        ({"min_pixels": 0}, "~min_pixels is 0, must be >= 1"),
-        ({"min_contrast": 256}, "~min_contrast is 256.0, must be <= 255"),
-        ({"layout": "points"}, "~layout is 'points': did you mean 'moments'"),
-        ({"component": "mask"}, "~mask_image must be the path"),
-        ({"colour_low": [1, 2]}, "hue 0-179"),
-        ({"desired_outline": [0, 0, 1, 1, 2]}, "at least three corners"),
-        ({"adaptive_block": 10}, "must be odd"),
-    ],
-)
+@pytest.mark.parametrize(("given", "text"), [
+    ({"threshold": 255.5}, "~threshold is 255.5, must be <= 255"),
+    ({"order": 9}, "~order is 9, must be <= 6"),
+    ({"order": 2}, "~order is 2, must be >= 3"),
+    ({"edge_band": 0}, "~edge_band is 0, must be >= 1"),
+    ({"edge_band": 21}, "~edge_band is 21, must be <= 20"),
+    ({"original_threshold": -1}, "~original_threshold is -1.0, must be >= 0"),
+    ({"original_threshold": 256}, "~original_threshold is 256.0, must be <= 255"),
+    ({"segmentation": "watershed"}, "is .watershed.: use one of fixed"),
+    ({"component": "red"}, "component is .red.: use one of all"),
+    ({"segmentation": "nearest_colour"}, "near_colour is .., must be red, green and blue"),
+    ({"near_colour": [1, 2, 256]}, "near_colour is .1.0, 2.0, 256.0., must be red"),
+    ({"colour_low": [-1, 0, 0]}, "hue 0-179"), ({"colour_high": [180, 0, 0]}, "hue 0-179"),
+    ({"colour_high": [0, 256, 0]}, "hue 0-179"), ({"colour_high": [0, 0, 256]}, "hue 0-179"),
+    ({"threshold": -1}, "~threshold is -1.0, must be >= 0"),
+    ({"adaptive_block": 1}, "~adaptive_block is 1, must be >= 3"),
+    ({"adaptive_offset": -1}, "~adaptive_offset is -1.0, must be >= 0"),
+    ({"colour_distance": 0}, "~colour_distance is 0.0, must be > 0"),
+    ({"min_pixels": 0}, "~min_pixels is 0, must be >= 1"),
+    ({"min_contrast": 256}, "~min_contrast is 256.0, must be <= 255"),
+    ({"layout": "points"}, "~layout is 'points': did you mean 'moments'"),
+    ({"component": "mask"}, "~mask_image must be the path"),
+    ({"colour_low": [1, 2]}, "hue 0-179"),
+    ({"desired_outline": [0, 0, 1, 1, 2]}, "at least three corners"),
+    ({"adaptive_block": 10}, "must be odd"),
+])
 def test_wrong_parameters_are_refused(given, text: str) -> None:
     with pytest.raises(VisionParameterError, match=text):
         VisionParameters.from_mapping(given)

@@ -1,7 +1,5 @@
 """Point trackers on drawn images: which shapes are detected as dots."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest
@@ -15,8 +13,7 @@ DOTS = np.array([[41.3, 30.2, 9.0], [102.6, 33.8, 8.0], [110.1, 88.4, 7.5], [52.
 
 
 def drawn(draw) -> np.ndarray:
-    """Return an image of the dots and of what `draw` draws at FINE times the resolution, darkened.
-    """
+    """An image of the dots and of what `draw` draws, at FINE times the resolution."""
     large = np.full((FINE * SIZE[1], FINE * SIZE[0]), 210, np.uint8)
     v, u = (np.mgrid[:large.shape[0], :large.shape[1]] + 0.5) / FINE - 0.5
     for x, y, r in DOTS:

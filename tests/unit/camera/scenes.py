@@ -14,10 +14,7 @@ SENSOR_R_OPTICAL = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
 
 
 class Bench:
-    """A World of single bodies, closed at the end of the test.
-
-    at: added to the places of what is put into it, m.
-    """
+    """A World of single bodies; at: added to their places, m."""
 
     def __init__(self, world: World | None = None, at=(0.0, 0.0, 0.0)) -> None:
         self.world = World() if world is None else world
@@ -26,8 +23,7 @@ class Bench:
 
     def body(self, geometry, position=(0, 0, 0), colour="Gazebo/White",
              orientation=(0, 0, 0, 1), com=None) -> Model:
-        """A shape that hangs where it is put; `com`: as a free body with its mass there. A colour
-        of None leaves that to the mesh file."""
+        """A fixed shape, or a free body with its mass at `com`; None: the mesh file's colour."""
         visual = Visual("visual", (0, 0, 0), (0, 0, 0), geometry)
         mass = None if com is None else Inertial(1.0, com, (0.1, 0.2, 0.3), (1, 0, 0, 1, 0, 1))
         colours = {} if colour is None else {"link": COLOURS[colour]}

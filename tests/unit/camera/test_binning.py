@@ -26,13 +26,32 @@ def seen_of(bench, tmp_path):
     bench.box([0.01, 3.0, 3.0], [-0.8, 0.0, 0.0], "Gazebo/Grey", (0.1, 0.0, 0.0, np.sqrt(0.99)))
     renderer = create_renderer("exact", bench.world, LIGHT)
 
-    def seen(name):
+    def seen(name, near=0.02, far=50.0):
         (width, height), (fx, fy, cx, cy) = VIEWS[name]
         K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
-        view = View(width, height, looking(EYE, AT, (0.2, 0.1, 1.0)), K)
+        view = View(width, height, looking(EYE, AT, (0.2, 0.1, 1.0)), K, near, far)
         return renderer, view, renderer.sample(view, 1.0, 0.0).visible
 
     return seen
+
+
+@pytest.mark.parametrize(("near", "far"), [(0.02, 50.0), (0.4, 0.95)])
+def test_triangles_are_in_the_camera_s_frame_and_cut_at_near_and_far(seen_of, near, far):
+    """Their light: test_recomputed.py."""
+    renderer, view, seen = seen_of("wide", near, far)
+    g, T = renderer.triangles, view.optical_T_world @ renderer.scene.read_poses()
+    own = T[g.row[seen.triangle]]
+    corners = np.einsum("nij,nkj->nki", own[:, :3, :3], g.corners[seen.triangle])
+    corners += own[:, None, :3, 3]
+    np.testing.assert_allclose(seen.corner, corners, atol=1e-12)
+    # Shares of the corners: 1 at their own, 0 at the others.
+    shares = np.einsum("nij,nkj->nik", seen.side, corners)
+    np.testing.assert_allclose(shares, np.tile(np.eye(3), (len(own), 1, 1)), atol=1e-6)
+    away = 1.0 / np.linalg.norm(seen.side.sum(axis=1), axis=1)
+    cut = np.linalg.norm(corners, axis=2).max(axis=1) > far
+    assert (seen.cut == (cut | (away < near * view.get_tiles().widest))).all()
+    assert (seen.opaque == (g.albedo[seen.triangle, 3] >= 1.0)).all()
+    assert 0 < seen.cut.sum() < len(seen.cut)
 
 
 @pytest.mark.parametrize("name", VIEWS)

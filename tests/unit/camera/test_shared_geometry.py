@@ -133,3 +133,31 @@ def test_two_triangles_are_a_quad_where_they_lie_in_one_plane(size):
         made = Triangles.from_visuals([VisualMesh(0, replace(from_corners(faces), normals=np.tile(
             np.float32(turn[:, 2]), (6, 1))), (1.0, 0.0, 0.0, 1.0))])
         assert made.clusters.quad.tolist() == [told]
+
+
+def test_what_is_known_of_a_cluster_holds_all_its_triangles():
+    draw = np.random.default_rng(4)
+    corners = draw.normal(size=(200, 1, 3)) + 0.05 * draw.normal(size=(200, 3, 3))
+    made = Triangles.from_visuals([VisualMesh(0, from_corners(corners), (1.0, 0.0, 0.0, 1.0))])
+    seen = made.clusters
+    assert seen.count.sum() == len(made.corners) == 200
+    for n, (first, count) in enumerate(zip(seen.first, seen.count, strict=True)):
+        points = made.corners[first:first + count].reshape(-1, 3)
+        plane = made.plane[first:first + count]
+        assert (np.abs(points - seen.centre[n]) <= seen.half[n] + 1e-12).all()
+        assert np.linalg.norm(points - seen.centre[n], axis=1).max() == pytest.approx(
+            seen.radius[n])
+        assert (plane[:, :3] @ seen.axis[n]).min() == pytest.approx(seen.cosine[n])
+        assert (plane[:, 3] - plane[:, :3] @ seen.centre[n]).min() == pytest.approx(seen.height[n])
+
+
+def test_flat_triangles_of_a_part_that_face_one_side_are_one_facet():
+    signs = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, -1).T
+    solid = np.array([np.diag(one)[::int(one.prod())] for one in signs])  # of eight sides
+    faces = np.concatenate([solid, 2.0 * solid + 1.0])
+    made = Triangles.from_visuals([VisualMesh(0, from_corners(faces), (1.0, 0.0, 0.0, 1.0))] * 2)
+    facing = [(n, *way) for n, way in zip(
+        made.part, np.rint(1e3 * made.normals[:, 0]).astype(int).tolist(), strict=True)]
+    number = dict(zip(facing, made.facets, strict=True))
+    assert [number[one] for one in facing] == made.facets.tolist()
+    assert len(set(number.values())) == len(number) == 16

@@ -11,7 +11,7 @@ from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.world import Pose, World
 from aras_visual_servo_base.meshes import files as mesh_files
 from aras_visual_servo_base.meshes.files import read
-from aras_visual_servo_base.meshes.mesh import MOST_MESHES, MOST_TRIANGLES, from_corners
+from aras_visual_servo_base.meshes.mesh import MOST_MESHES, MOST_TRIANGLES
 
 CORNERS = ((0, 0, 0), (0.1, 0, 0), (0, 0.1, 0), (0, 0, 0.1))
 FACES = ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
@@ -251,14 +251,6 @@ def test_nodes_place_what_is_in_them_from_the_inside_out(tmp_path):
     assert mesh.positions.max(axis=0) == pytest.approx([1, 0.2, 4.4], abs=1e-6)
 
 
-def test_a_mirrored_node_keeps_its_outside_outside(tmp_path):
-    path = tmp_path / "a.dae"
-    path.write_bytes(dae("<translate>0 0 0</translate>", "<scale>-1 1 2</scale>"))
-    corners, volume = contents(path)
-    assert volume == pytest.approx(2 * 0.1**3 / 6)
-    assert corners.min() == pytest.approx(-0.1)
-
-
 def test_groups_of_an_obj_file_are_bodies_of_their_own(tmp_path):
     """Two feet apart carry nothing between them; as one convex body they would."""
     def block(x, first):
@@ -328,15 +320,6 @@ def test_what_is_too_much_is_refused_before_it_is_read(tmp_path):
     os.truncate(path, mesh_files.LARGEST_FILE + 1)
     with pytest.raises(DescriptionError, match="268435457 bytes, more than the limit of 268435456"):
         read(str(path))
-
-
-def test_many_triangles_at_one_point_are_read_in_our_lifetime():
-    """Comparing each with each would take hours."""
-    angles = np.linspace(0, 2 * np.pi, 60_001)
-    rim = np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=1)
-    tip = np.broadcast_to([0.0, 0.0, 1.0], rim[:-1].shape)
-    fan = from_corners(np.stack([tip, rim[:-1], rim[1:]], axis=1))
-    assert len(fan.triangles) == 60_000
 
 
 def test_a_texture_too_large_is_refused_before_it_is_decoded(tmp_path):

@@ -28,8 +28,7 @@ def test_packages_may_be_made_and_moved_and_what_was_found_is_not_searched_again
 
 
 def test_packages_are_found_where_rospack_finds_them(tmp_path, monkeypatch):
-    """Not in a package, below a folder that is to be ignored, or in a hidden one; the first of two
-    of one name. One with an old manifest is named after its folder."""
+    """The first of two of one name; one with an old manifest is named after its folder."""
     first, second = tmp_path / "first", tmp_path / "second"
     names = {first / "whole": "whole", first / "whole/inner": "inner", first / "a/b": "deep",
              first / "ignored/c": "ignored", first / "closed/d": "closed", first / ".git/e": "git",

@@ -140,8 +140,7 @@ CONTACT = "<contact><collision>c</collision></contact>"
 
 
 def measured(file, settings="", kind="", inside=None):
-    """The one sensor of a model whose plug-in is this one, in a <sensor> of that kind or in the
-    model itself."""
+    """A model with this plug-in, in a <sensor> of a kind or in the model itself."""
     own = f"<plugin filename='libgazebo_ros_{file}.so'>{settings}</plugin>"
     inside = CONTACT if kind == "contact" and inside is None else inside or ""
     sensor = f"<sensor name='s' type='{kind}'>{inside}{own}</sensor>" if kind else ""

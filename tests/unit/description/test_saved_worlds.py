@@ -334,8 +334,7 @@ def test_a_line_of_copies_begins_at_its_region_s_side_and_ends_before_the_other(
 
 @pytest.mark.parametrize("kind", ["grid", "random", "cylinder"])
 def test_a_region_is_turned_by_its_pose_and_its_corner_is_not(read, kind):
-    """Of copies by chance that in a region that stands upright at the origin tells what is inside;
-    a cylinder's base stands at the pose."""
+    """A region that stands upright at the origin tells what is inside."""
     inside, corner = {
         "grid": ("<distribution><type>grid</type><rows>2</rows><cols>4</cols><step>0.3 0.7 0.2"
                  "</step></distribution>", (0.45, 0.35, 0)),
@@ -412,8 +411,7 @@ def standing(kind, first, second):
 @pytest.mark.parametrize(("kind", "first", "second"), [
     ("revolute", 0.7, -2.9), ("revolute", -3.1, 1.6), ("prismatic", 0.4, -1.5)])
 def test_joints_are_where_a_state_s_links_have_them(read, kind, first, second, known):
-    """By SciPy's rotations; what is fixed to a link that the state has it need not have. Joints
-    stay between their stops."""
+    """By SciPy's rotations. Joints stay between their stops."""
     place = standing(kind, first, second)
     links = "".join(f"<link name='{name}'><pose>{numbers_of(place[name])}</pose></link>"
                     for name in known.split())
@@ -481,8 +479,7 @@ def test_a_state_s_scale_makes_shapes_larger_in_their_places(folders, read, shap
 
 
 def test_a_model_in_a_model_keeps_its_joints_and_plugins(folders, read):
-    """Their names, and those of their links, have the inner model's before them; the world has
-    none. What else stands in it is left out, two levels down too."""
+    """Their names, and those of their links, have the inner model's before them."""
     wheel = ("<model name='wheel'><pose>0.1 0.2 0.3 0.4 0.5 0.6</pose><static>1</static>"
              "<link name='hub'><pose>1 0 0 0 0 0.3</pose></link><link name='rim'/>"
              "<joint name='turn' type='revolute'><parent>hub</parent><child> rim </child></joint>"

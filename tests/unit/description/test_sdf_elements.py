@@ -1,8 +1,5 @@
-"""Every element of SDF 1.4 to 1.9 acts, or is named in one line, or has no meaning here.
-
-The lists are those of the specification (http://sdformat.org/spec), each with a value that is not
-its default. An element acts where the description that is read differs by it.
-"""
+"""Every element of SDF 1.4 to 1.9 (http://sdformat.org/spec) changes the description, or is named
+in one line, or has no meaning here."""
 
 import pytest
 

@@ -52,8 +52,7 @@ UNKNOWN = ["<riverbed/>", "<light name='n'/>", "<projector name='n'><fov>1</fov>
 
 @pytest.mark.parametrize("place", list(urdf_places()))
 def test_an_element_that_is_not_served_is_named_once(place):
-    """In every block of URDF and of <gazebo> tags, and other programs' are not; SDF's blocks:
-    test_sdf_elements.py."""
+    """In blocks of URDF and of <gazebo> tags; SDF's blocks: test_sdf_elements.py."""
     for text in UNKNOWN:
         tag = re.match(r"<(\w+)", text)[1]
         before = said(place.replace("{}", ""))

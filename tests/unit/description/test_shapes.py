@@ -80,8 +80,7 @@ def test_a_stretched_ball_s_normals_stand_on_its_surface(scale):
 
 
 def wound(mesh, point):
-    """Return the winding number of a surface about a point: its solid angle over 4 pi (van
-    Oosterom)."""
+    """Winding number of a surface about a point: its solid angle over 4 pi (van Oosterom)."""
     a, b, c = (corners(mesh) - point).transpose(1, 0, 2)
     la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
     volumes = np.einsum("ni,ni->n", a, np.cross(b, c))

@@ -89,10 +89,7 @@ def exact_moment(vertices: list[tuple[Fraction, Fraction]], p: int, q: int) -> F
 
 
 def coverage_image(outline: np.ndarray, camera: Pinhole, size: tuple[int, int]) -> np.ndarray:
-    """Return the fraction of each pixel (rows, columns) that the normalised polygon covers.
-
-    16 x 16 samples a pixel: exact to 1/256, about what an 8-bit image can hold.
-    """
+    """Return the fraction of each pixel (rows, columns) that the polygon covers, to 1/256."""
     finer = 16
     pixels = outline * [camera.fx, camera.fy] + [camera.cx, camera.cy]
     first = np.maximum(np.floor(pixels.min(axis=0)).astype(int) - 1, 0)

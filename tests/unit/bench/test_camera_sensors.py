@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_plants import SQUARE, until
+from test_plants import SQUARE, START, bullet, until
 
 from aras_sim_bridge.camera.effects import Effects
 from aras_sim_bridge.camera.shutter import make_row_bands
@@ -69,6 +69,27 @@ def test_a_picture_is_made_of_rows_of_the_pictures_of_their_instants(depth):
     assert np.abs(found.image.astype(int) - middle.image).max() > 50
     if depth:
         np.testing.assert_allclose(found.depth, middle.depth, rtol=5e-3)
+
+
+def test_an_arms_exact_points_are_of_their_own_rows_too(robot, preset, pinhole):
+    table = np.eye(4)
+    table[2, 3] = 0.59
+    rows = make_row_bands(Effects(row_time=5e-5), pinhole.height)
+    found = {}
+    for name, own in (("global", ()), ("rolling", rows)):
+        seen = ImagingSettings(
+            pinhole, PlacedTarget(SQUARE, table), row_bands=own, is_unbounded=True
+        )
+        plant = bullet(robot, preset, imaging_settings=(seen,))
+        try:
+            plant.command("position", START + [0.0, 0.0, 0.0, 0.0, 0.0, 0.8])
+            found[name] = [r for r in until(plant, 220_000_000) if isinstance(r, Frame)]
+        finally:
+            plant.close()
+    assert [r.stamp_ns for r in found["global"]] == [r.stamp_ns for r in found["rolling"]]
+    assert len(found["global"]) == 6
+    apart = [np.abs(a.points - b.points).max() for a, b in zip(*found.values(), strict=True)]
+    assert 0.02 < max(apart) < 10.0
 
 
 @pytest.mark.parametrize(("keys", "told"), [

@@ -4,6 +4,7 @@ import contextlib
 import warnings
 from pathlib import Path
 
+import gymnasium
 import numpy as np
 import pytest
 from frames import take_frames
@@ -12,7 +13,12 @@ from gymnasium.utils.env_checker import check_env
 from aras_visual_servo_base.poses import pose_difference
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment.experiment import Experiment, RandomStart
-from aras_visual_servo_bench.runner.environment import MAX_TWIST, ExternalTwistScheme, ServoEnv
+from aras_visual_servo_bench.runner.environment import (
+    ENVIRONMENT,
+    MAX_TWIST,
+    ExternalTwistScheme,
+    ServoEnv,
+)
 from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_controller.schemes import create_scheme
 
@@ -85,6 +91,24 @@ def test_a_picture_and_where_the_goal_is_belong_together():
     assert rows.max() == pytest.approx(v.max(), abs=1.2)
     assert info["distance"] == pytest.approx(np.linalg.norm(goal_T_camera[:3, 3]))
     env.close()
+
+
+def test_many_are_stepped_at_once():
+    made = gymnasium.make_vec(ENVIRONMENT, 3, "sync", experiment=PICTURED, observes="image")
+    pictures, info = made.reset(seed=5)
+    alone = [ServoEnv(PICTURED, observes="image") for _ in range(3)]
+    actions = np.array([[0.3, 0, 0, 0, 0, 0], [0, 0.3, 0, 0, 0, 0], [0, 0, -0.3, 0, 0, 0.2]],
+                       np.float32)  # fmt: skip
+    first = [one.reset(seed=5 + i)[0] for i, one in enumerate(alone)]
+    np.testing.assert_array_equal(pictures, first)
+    for _ in range(4):
+        pictures, rewards, *_, info = made.step(actions)
+        each = [one.step(action) for one, action in zip(alone, actions, strict=True)]
+    np.testing.assert_array_equal(pictures, [one[0] for one in each])
+    np.testing.assert_array_equal(rewards, [one[1] for one in each])
+    assert info["camera_T_goal"].shape == (3, 4, 4)
+    for one in (made, *alone):
+        one.close()
 
 
 EXACT = Experiment.from_mapping({

@@ -1,8 +1,6 @@
 """Fixtures of the graph tests: a ROS master, launch files, and a node of the test process.
 
-A rospy node can be initialised once per process, so the tests share one, on the session's
-master. Where a test needs another master (`launch(..., own_master=True)`), it talks to it through
-ROS tools in processes of their own: `launched.master.run([...])`.
+A rospy node can be initialised once per process, so the tests share one, on the session's master.
 """
 
 from __future__ import annotations
@@ -10,7 +8,7 @@ from __future__ import annotations
 import importlib.util
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +16,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))  # tests write `from ros_graph import wait_for`
 # Helpers that assert: their failures are explained as those of tests are.
-pytest.register_assert_rewrite("controller_rig", "gazebo_calls", "played_robot")
+pytest.register_assert_rewrite("gazebo_calls")
 
 if TYPE_CHECKING:
     from ros_graph import Collector, Launch, RosMaster
@@ -28,17 +26,14 @@ FAILED = pytest.StashKey[bool]()
 LONGEST = (  # files whose tests take longest, these first
     "test_dashboard", "test_solid_on_the_graph", "test_controller_node",
     "test_several_cameras_on_the_graph", "test_demo", "test_bridge_lockstep",
-    "test_runner_equals_graph", "test_any_arm", "test_camera_node", "test_faults",
-    "test_docs", "test_controller_disturbed",
-    "test_bridge_controller_manager", "test_stock_robots", "test_bridge_scene",
-)  # fmt: skip
+    "test_runner_equals_graph", "test_any_arm", "test_camera_node", "test_faults", "test_docs",
+    "test_bridge_controller_manager", "test_stock_robots")
 
 
-def _sourced() -> bool:
+def _is_sourced() -> bool:
     """Return whether ROS and Python use the devel space of this workspace."""
     return str(ROOT / "src") in os.environ.get("ROS_PACKAGE_PATH", "").split(":") and all(
-        importlib.util.find_spec(name) for name in ("rospy", "controller_manager_msgs")
-    )
+        importlib.util.find_spec(name) for name in ("rospy", "controller_manager_msgs"))
 
 
 @pytest.hookimpl(wrapper=True)
@@ -72,7 +67,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
                else len(LONGEST))  # fmt: skip
 
 
-if not _sourced():
+if not _is_sourced():
     reason = "the workspace is not sourced: run ./test.sh, or source devel/setup.bash first"
     if os.environ.get("ARAS_REQUIRE_GRAPH"):
         raise RuntimeError(f"the graph tests cannot run: {reason}")
@@ -133,38 +128,22 @@ def _end_with_failure(request: pytest.FixtureRequest, launches: list[Launch]) ->
 
 
 @pytest.fixture(scope="module")
-def launch(
-    ros_master: RosMaster, tmp_path_factory: pytest.TempPathFactory, launches: list[Launch]
-) -> Iterator[Callable[..., Launch]]:
+def launch(ros_master: RosMaster, launches: list[Launch]) -> Iterator[Callable[..., Launch]]:
     """Factory: `launch("package", "file.launch", nodes=["/gazebo"], gui=False)` → Launch.
 
     Returns when all `nodes` are registered. What is still running at the end of the module is
     ended as by Ctrl-C, and parameters are deleted; a process that stays behind is an error.
-    `own_master=True` starts it in a graph of its own. Other keywords are launch arguments.
     """
-    from ros_graph import GraphError, Launch, RosMaster
+    from ros_graph import GraphError, Launch
 
-    masters: list[RosMaster] = []
-
-    def start(
-        *target: str,
-        nodes: tuple[str, ...] | list[str] = (),
-        timeout: float = 60.0,
-        own_master: bool = False,
-        **arguments: Any,
-    ) -> Launch:
-        master = ros_master
-        if own_master:
-            master = RosMaster(tmp_path_factory.mktemp("ros"))
-            masters.append(master)
-        launched = Launch(master, target, arguments)
-        launches.append(launched)
-        launched.wait_for_nodes(nodes, timeout)
-        return launched
+    def start(*target: str, nodes: Sequence[str] = (), **arguments: Any) -> Launch:
+        launches.append(Launch(ros_master, target, arguments))
+        launches[-1].wait_for_nodes(nodes)
+        return launches[-1]
 
     yield start
     errors = []
-    for started in [*reversed(launches), *masters]:
+    for started in reversed(launches):
         try:
             started.stop()
         except GraphError as error:

@@ -1,7 +1,5 @@
 """Calls of the Gazebo services, and models that several test files spawn."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,25 +11,10 @@ from geometry_msgs.msg import Point, Pose, Quaternion
 from std_srvs.srv import Empty
 
 INERTIA = '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
-SHAPES = """<?xml version="1.0"?><!-- furniture -->
-<sdf version="1.6"><model name="given"><static>true</static><pose>0 0 1 0 0 0</pose>
-  <link name="top">
-    <collision name="c"><geometry><box><size>1 1 0.2</size></box></geometry></collision>
-    <visual name="v"><geometry><box><size>1 1 0.2</size></box></geometry></visual></link>
-  <link name="leg"><pose>0 0 -0.5 0 0 0</pose>
-    <visual name="v"><geometry><cylinder><radius>.1</radius><length>1</length></cylinder></geometry>
-    </visual>
-    <collision name="knob"><geometry><sphere><radius>.1</radius></sphere></geometry></collision>
-    <visual name="m"><geometry><mesh><uri>package://aras_visual_servo_gazebo/meshes/{mesh}</uri>
-    </mesh></geometry></visual></link>
-</model></sdf>"""
 BRICK = """<sdf version="1.6"><model name="brick"><link name="brick">
   <inertial><mass>2</mass><inertia><ixx>1</ixx><iyy>1</iyy><izz>1</izz></inertia></inertial>
   <collision name="c"><geometry><box><size>.2 .2 .2</size></box></geometry></collision>
 </link></model></sdf>"""
-LAMP = """<sdf version="1.6"><light name="given" type="point"><pose>0 0 3 0 0 0</pose>
-  <diffuse>0.5 0.25 1 1</diffuse><attenuation><constant>.5</constant><linear>.25</linear>
-  <quadratic>.125</quadratic></attenuation></light></sdf>"""
 # Looks straight down from 3 m at a white plate on a box.
 EYE = f"""<robot name="eye"><link name="world"/>
   <joint name="j" type="fixed"><parent link="world"/><child link="eye"/>
@@ -89,7 +72,6 @@ def delete(*names: str) -> None:
         assert call("delete_model", DeleteModel, name).success
 
 
-def place(name: str, frame: str = "") -> tuple:
-    state = call("get_model_state", GetModelState, name, frame)
-    p = state.pose.position
+def place(name: str) -> tuple:
+    p = call("get_model_state", GetModelState, name, "").pose.position
     return (p.x, p.y, p.z)

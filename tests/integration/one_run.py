@@ -52,21 +52,17 @@ PICTURED = ("points", POLICY)  # schemes that see pictures
 FRAMES = 45  # 1.5 s: the way to the start takes about 0.9 s, the rest is servoed
 IMAGE, INFO = "/labrob/camera/image_raw", "/labrob/camera/camera_info"
 # What a listener to joint states, states and reports has no pictures for, nor the wall's clock.
-NOT_HEARD = {
-    "images", "image_rate", "images_late", "delay", "real_time_factor", "computing",
-    "image_excursion", "largest_depth", "decay_predicted",
-}  # fmt: skip
+NOT_HEARD = {"images", "image_rate", "images_late", "delay", "real_time_factor", "computing",
+             "image_excursion", "largest_depth", "decay_predicted"}
 
 
 @dataclass(frozen=True)
 class Case:
     """One experiment.
 
-    Attributes:
-        name: by which `--only` chooses. scheme, camera, start: as the launch files take them.
-        robot, nodes: further launch arguments. keys: the same as keys of an Experiment.
-        parameters: of the controller, in a file on the graph. frames: after which it ends.
-        ends: how the outcome at that frame begins.
+    robot, nodes: further launch arguments. keys: the same as keys of an Experiment.
+    parameters: of the controller, in a file on the graph. frames: after which it ends.
+    ends: how the outcome at that frame begins.
     """
 
     name: str
@@ -82,22 +78,16 @@ class Case:
 
     @property
     def taught(self) -> bool:
-        """Return whether the goal is taught at the pose of 2016, because the shipped goal does not
-        fit."""
+        """Return whether the goal is taught, because the shipped goal does not fit."""
         return self.scheme in PICTURED or "target" in self.keys
 
     def experiment(self, goal: str | tuple[float, ...]) -> Experiment:
-        """Return the experiment without an end; the loop drives the arm to the start, as on the
-        graph."""
-        return Experiment(
-            scheme=self.scheme, camera=self.camera, start=(0.0,) * 6, goal=goal,
-            commands="images", duration=1e3, time_after_convergence=None,
-            controller_parameters={
-                "start": list(self.start),
-                **{key: value for key, value in self.parameters.items() if key != "delay"},
-            },
-            **{"delay": 0.0, **self.keys},
-        )  # fmt: skip
+        """Return the experiment without an end; the loop drives the arm to the start."""
+        parameters = {key: value for key, value in self.parameters.items() if key != "delay"}
+        return Experiment(scheme=self.scheme, camera=self.camera, start=(0.0,) * 6, goal=goal,
+                          commands="images", duration=1e3, time_after_convergence=None,
+                          controller_parameters={"start": list(self.start), **parameters},
+                          **{"delay": 0.0, **self.keys})
 
     def goal(self, folder: Path) -> str:
         """Return the name or the file of the goal."""
@@ -124,9 +114,7 @@ class Case:
 
 def _moved(*xyz: float) -> dict[str, Any]:
     """Return the arguments that displace a camera in its link, m."""
-    return {
-        "robot": {"camera_xyz": " ".join(map(str, xyz))}, "keys": {"camera_xyz": xyz},
-    }  # fmt: skip
+    return {"robot": {"camera_xyz": " ".join(map(str, xyz))}, "keys": {"camera_xyz": xyz}}
 
 
 def _law(name: str, gain: float | None = None) -> dict[str, Any]:
@@ -139,10 +127,9 @@ def _delayed(seconds: float) -> dict[str, Any]:
 
 
 def _target(shape: str) -> dict[str, Any]:
-    return {
-        "robot": {"target": shape, "target_size": "0.06 0.05"},
-        "keys": {"target": {"shape": shape, "size": (0.06, 0.05), "pose": (0, 0, 0.591, 0, 0, 0)}},
-    }
+    return {"robot": {"target": shape, "target_size": "0.06 0.05"},
+            "keys": {"target": {"shape": shape, "size": (0.06, 0.05),
+                                "pose": (0, 0, 0.591, 0, 0, 0)}}}
 
 
 def _cases() -> Iterable[Case]:
@@ -177,52 +164,39 @@ CASES = {case.name: case for case in _cases()}
 def recorded(heard: GraphRecording, path: Path) -> Run:
     """Write the messages to a bag, and return the run that is read from it."""
     with rosbag.Bag(str(path), "w") as bag:
-        for topic, messages in (
-            (f"{ROBOT}/controller/state", heard.states), (f"{ROBOT}/joint_states", heard.joints),
-            (f"{ROBOT}/controller/diagnosis", heard.reports.values()),
-        ):  # fmt: skip
+        for topic, messages in ((f"{ROBOT}/controller/state", heard.states),
+                                (f"{ROBOT}/joint_states", heard.joints),
+                                (f"{ROBOT}/controller/diagnosis", heard.reports.values())):
             for message in messages:
                 bag.write(topic, message, message.header.stamp)
-        bag.write(
-            f"{ROBOT}/experiment", String(heard.experiment_text), heard.states[0].header.stamp
-        )
+        bag.write(f"{ROBOT}/experiment", String(heard.experiment_text),
+                  heard.states[0].header.stamp)
     return read_bag(path)
 
 
-def on_the_graph(
-    launch: Callable[..., Launch], master: RosMaster, case: Case, goal: str, folder: Path
-) -> GraphRecording:
+def on_the_graph(launch: Callable[..., Launch], master: RosMaster, case: Case, goal: str,
+                 folder: Path) -> GraphRecording:
     """Return all messages of joint states and controller up to the last frame."""
     arguments = dict(case.nodes)
     if case.parameters:
         file = folder / "parameters.yaml"
         file.write_text(yaml.safe_dump(case.parameters))
         arguments["parameters"] = str(file)
-    robot = launch(
-        "aras_visual_servo_gazebo", "aras_visual_servo.launch", nodes=["/gazebo"],
-        paused=True, speed_mode="lockstep", camera=case.camera, **case.robot,
-    )  # fmt: skip
-    nodes = launch(
-        "aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch",
-        nodes=[case.camera_process, f"{ROBOT}_controller"], start=str(list(case.start)),
-        scheme=case.scheme, goal=goal, **arguments,
-    )  # fmt: skip
+    robot = launch("aras_visual_servo_gazebo", "aras_visual_servo.launch", nodes=["/gazebo"],
+                   paused=True, speed_mode="lockstep", camera=case.camera, **case.robot)
+    nodes = launch("aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch",
+                   nodes=[case.camera_process, f"{ROBOT}_controller"], start=str(list(case.start)),
+                   scheme=case.scheme, goal=goal, **arguments)
     wait_for(all_running, 40.0, "seven running controllers")
-    topics = {
-        IMAGE: Image, f"{ROBOT}/joint_states": JointState,
-        f"{ROBOT}/controller/state": ServoState, f"{ROBOT}/controller/diagnosis": ServoReport,
-    }  # fmt: skip
+    topics = {IMAGE: Image, f"{ROBOT}/joint_states": JointState,
+              f"{ROBOT}/controller/state": ServoState, f"{ROBOT}/controller/diagnosis": ServoReport}
     heard = [Collector(topic, kind) for topic, kind in topics.items()]
     images, joints, states, reports = heard
-    wait_for(
-        lambda: (
-            {("i", topic) for topic in COMMANDS} <= connections(master, "/gazebo")
-            and {("i", IMAGE), ("i", INFO)} <= connections(master, case.camera_process)
-            and {("i", t) for t in case.listened()} <= connections(master, f"{ROBOT}_controller")
-        ),
-        20.0,
-        "all nodes to be connected",
-    )
+    wait_for(lambda: ({("i", topic) for topic in COMMANDS} <= connections(master, "/gazebo")
+                      and {("i", IMAGE), ("i", INFO)} <= connections(master, case.camera_process)
+                      and {("i", t) for t in case.listened()}
+                      <= connections(master, f"{ROBOT}_controller")), 20.0,
+             "all nodes to be connected")
     for collector in heard:
         wait_for(collector.connected, 5.0, collector.topic)
     call("/gazebo/unpause_physics", Empty)
@@ -234,9 +208,8 @@ def on_the_graph(
     told.joints = [m for m in joints.messages if m.header.stamp <= last]
     for message in reports.messages:
         told.add_report(message)
-    told.experiment_text = json.dumps(
-        collect_description(get_parameter("/"), f"{ROBOT}_controller"), default=str
-    )
+    described = collect_description(get_parameter("/"), f"{ROBOT}_controller")
+    told.experiment_text = json.dumps(described, default=str)
     output = robot.output()
     for collector in heard:
         collector.close()
@@ -258,8 +231,7 @@ def in_the_runner(experiment: Experiment, last_ns: int) -> Run:
 
 
 def ended(run: Run, images: int, joints: int) -> Run:
-    """Return the run cut to these numbers of images and joint states, with the verdict at its end.
-    """
+    """Return the run cut to these numbers of images and joint states, with its last verdict."""
     last = run.states[images - 1]
     return replace(
         run, outcome=last.outcome, reason=last.reason, remedy=last.remedy,
@@ -268,8 +240,7 @@ def ended(run: Run, images: int, joints: int) -> Run:
         states=run.states[:images], pose=run.pose[:images],
         **{name: getattr(run, name)[:joints] for name in
            ("joint_stamp", "measured_positions", "measured_velocities", "joint_commands",
-            "true_pose")},
-    )  # fmt: skip
+            "true_pose")})
 
 
 def shown(run: Run) -> dict[str, str]:
@@ -279,8 +250,7 @@ def shown(run: Run) -> dict[str, str]:
 
 def differences(case: Case, launch: Callable[..., Launch], master: RosMaster, folder: Path
                 ) -> list[str]:  # fmt: skip
-    """Return every difference between the runs of the runner, the graph and the bag; empty if none.
-    """
+    """Return every difference between the runs of the runner, the graph and the bag."""
     goal = case.goal(folder)
     heard = on_the_graph(launch, master, case, goal, folder)
     live, kept = MessageRunBuilder(heard).build_run("live"), recorded(heard, folder / "run.bag")
@@ -309,9 +279,6 @@ def differences(case: Case, launch: Callable[..., Launch], master: RosMaster, fo
     if not own.outcome.startswith(case.ends):
         found.append(f"it is {own.outcome} and not {case.ends}: {own.reason}")
     return found
-
-
-# -- the command -------------------------------------------------------------------------------
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -347,10 +314,8 @@ def main(arguments: list[str] | None = None) -> int:
             rospy.signal_shutdown("all experiments are over")
         finally:
             master.stop()
-    result = json.dumps({
-        "experiments": len(chosen), "one_run": len(chosen) - len(differing),
-        "differing": differing, "seconds": round(time.monotonic() - began),
-    })  # fmt: skip
+    result = json.dumps({"experiments": len(chosen), "one_run": len(chosen) - len(differing),
+                         "differing": differing, "seconds": round(time.monotonic() - began)})
     if options.write:
         options.write.write_text(result + "\n", encoding="utf-8")
     print(result)

@@ -1,7 +1,7 @@
 """ROS graph for tests: starts a master and launch files, waits for nodes, and stops everything.
 
 Everything started here carries a mark in its environment, which children inherit even where they
-make a session of their own, as roslaunch's nodes do. So whatever is left behind is found by it.
+make a session of their own, as roslaunch's nodes do. What is left behind is found by it.
 """
 
 from __future__ import annotations
@@ -32,9 +32,7 @@ TOUCHED = "another thread touched"
 OWN_PARAMETERS = ("run_id", "rosdistro", "rosversion", "roslaunch")
 # How many times longer than on a machine of one's own everything may take: other graphs beside this
 # one (pytest -n) take their part of it, and who knows of more sets ARAS_PATIENCE.
-PATIENCE = float(
-    os.environ.get("ARAS_PATIENCE") or (2.0 if "PYTEST_XDIST_WORKER" in os.environ else 1.0)
-)
+PATIENCE = float(os.environ.get("ARAS_PATIENCE") or 1 + ("PYTEST_XDIST_WORKER" in os.environ))
 SIGINT_AFTER = 15.0 * max(PATIENCE / 2.0, 1.0)  # s that roslaunch gives a node; its own are 15
 
 
@@ -42,9 +40,8 @@ class GraphError(AssertionError):
     """The graph did not reach an expected state, or processes were left."""
 
 
-def wait_for(
-    predicate: Callable[[], Any], timeout: float, what: str, interval: float = 0.02
-) -> Any:
+def wait_for(predicate: Callable[[], Any], timeout: float, what: str,
+             interval: float = 0.02) -> Any:
     """Return the first true value of `predicate()`; polled every `interval` seconds of wall time.
 
     Raises GraphError, naming `what`, after `timeout` times PATIENCE seconds.
@@ -60,31 +57,23 @@ def wait_for(
         time.sleep(interval)
 
 
-def wait_for_message(
-    topic: str,
-    message_type: type,
-    timeout: float = 10.0,
-    where: Callable[[Any], bool] | None = None,
-) -> Any:
+def wait_for_message(topic: str, message_type: type, timeout: float = 10.0,
+                     where: Callable[[Any], bool] | None = None) -> Any:
     """Return the first message on `topic` (for which `where(message)` holds); needs `ros_node`."""
     with Collector(topic, message_type) as collector:
         return collector.wait(timeout=timeout, where=where)
 
 
 def senders(topic: str) -> int:
-    """Return how many publishers send a topic to this process, confirmed by both ends.
-
-    A subscriber counts those it has only set out to, whose next message may pass it by; a
-    publisher counts subscribers that are gone until it sends again.
-    """
+    """Return how many publishers send a topic to this process, confirmed by both ends: a subscriber
+    counts those it has only set out to, a publisher those that are gone until it sends again."""
     import rospy
 
     master = rosgraph.Master(rospy.get_name())
     publishers = dict(master.getSystemState()[0]).get(topic, [])
     here = {near for near, _ in _links(master, master.caller_id, "i", topic)}
-    return sum(
-        any(far in here for _, far in _links(master, node, "o", topic)) for node in publishers
-    )
+    return sum(any(far in here for _, far in _links(master, node, "o", topic))
+               for node in publishers)
 
 
 class Collector:
@@ -93,16 +82,13 @@ class Collector:
     def __init__(self, topic: str, message_type: type, queue_size: int | None = None) -> None:
         import rospy
 
-        self.topic = topic
-        self.message_type = message_type
+        self.topic, self.message_type = topic, message_type
         self.messages: list[Any] = []
-        self._subscriber = rospy.Subscriber(
-            topic, message_type, self.messages.append, queue_size=queue_size, tcp_nodelay=True
-        )
+        self._subscriber = rospy.Subscriber(topic, message_type, self.messages.append,
+                                            queue_size=queue_size, tcp_nodelay=True)
 
-    def wait(
-        self, count: int = 1, timeout: float = 10.0, where: Callable[[Any], bool] | None = None
-    ) -> Any:
+    def wait(self, count: int = 1, timeout: float = 10.0, where: Callable[[Any], bool]
+             | None = None) -> Any:
         """Wait for the `count`-th message (for which `where` holds), and return it."""
 
         def fitting() -> list[Any]:
@@ -154,22 +140,17 @@ class RosMaster:
             + os.environ.get("PYTHONPATH", ""),
             # some of Debian's ROS tools start with `env python3`, which must be one that knows ROS
             "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
-            MARK: self.mark,
-        }
+            MARK: self.mark}
         self.api = rosgraph.Master("/test_graph", self.uri)
         self.start()
 
     def start(self) -> None:
         """Start the master, always on the same port, without any registration."""
         self.output = (self.directory / f"master-{self.port}.txt").open("a")
-        self.process = subprocess.Popen(
-            ["rosmaster", "--core", "-p", str(self.port)],
-            env=self.environment,
-            stdin=subprocess.DEVNULL,
-            stdout=self.output,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-        )
+        self.process = subprocess.Popen(["rosmaster", "--core", "-p", str(self.port)],
+                                        env=self.environment, stdin=subprocess.DEVNULL,
+                                        stdout=self.output, stderr=subprocess.STDOUT,
+                                        start_new_session=True)
         wait_for(self.api.is_online, 20.0, f"rosmaster at {self.uri} (output: {self.output.name})")
 
     def kill(self) -> None:
@@ -183,38 +164,27 @@ class RosMaster:
         return {name for kind in self.api.getSystemState() for _, names in kind for name in names}
 
     def knows(self, name: str) -> bool:
-        """Return whether the master has a node's address, for example as subscriber of a parameter.
-        """
+        """Return whether the master has a node's address, also as subscriber of a parameter."""
         try:
             return bool(self.api.lookupNode(name))
         except rosgraph.MasterException:
             return False
 
-    def run(
-        self, command: Sequence[str], timeout: float = 30.0, check: bool = True
-    ) -> subprocess.CompletedProcess[str]:
-        """Run a command in this graph, e.g. a ROS tool or `[sys.executable, "-c", ...]`.
-
-        Raises GraphError, with the output, when it takes too long or (with `check`) fails.
-        """
+    def run(self, command: Sequence[str], timeout: float = 30.0,
+            check: bool = True) -> subprocess.CompletedProcess[str]:
+        """Run a command in this graph; GraphError, with its output, when it takes too long or (with
+        `check`) fails."""
         timeout *= PATIENCE
         try:
-            done = subprocess.run(
-                command,
-                env=self.environment,
-                stdin=subprocess.DEVNULL,
-                capture_output=True,
-                text=True,
-                timeout=timeout,
-            )
+            done = subprocess.run(command, env=self.environment, stdin=subprocess.DEVNULL,
+                                  capture_output=True, text=True, timeout=timeout)
         except subprocess.TimeoutExpired as error:
             raise GraphError(
                 f"{' '.join(command)}: not finished after {timeout:g} s; output: {error.stdout!r}"
             ) from None
         if check and done.returncode:
-            raise GraphError(
-                f"{' '.join(command)}: status {done.returncode}\n{done.stdout}{done.stderr}"
-            )
+            raise GraphError(f"{' '.join(command)}: status {done.returncode}\n"
+                             f"{done.stdout}{done.stderr}")
         return done
 
     def clean(self, parameters: bool = True) -> None:
@@ -227,9 +197,8 @@ class RosMaster:
             dead = [name for name in self.nodes() if not _answers(self.api, name)]
             for name in dead:
                 with contextlib.suppress(rosgraph.MasterException):  # it has just taken itself off
-                    rosgraph.Master(name).unsubscribeParam(
-                        self.api.lookupNode(name), SUBSCRIBED_PARAMETER
-                    )
+                    address = self.api.lookupNode(name)
+                    rosgraph.Master(name).unsubscribeParam(address, SUBSCRIBED_PARAMETER)
             rosnode.cleanup_master_blacklist(self.api, dead)
         finally:
             if before is None:
@@ -260,15 +229,12 @@ class Launch:
         self._output = self.log.open("w")
         # It asks the master twice for each time it publishes, 50 a second if nothing is said.
         master.api.setParam("/robot_state_publisher/publish_frequency", 5.0)
-        self.process = subprocess.Popen(
-            ["roslaunch", "--screen", f"--sigint-timeout={SIGINT_AFTER}", *target,
-             *(_argument(k, v) for k, v in arguments.items())],
-            env={**master.environment, MARK + "_LAUNCH": self.id},
-            stdin=subprocess.DEVNULL,
-            stdout=self._output,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-        )  # fmt: skip
+        self.process = subprocess.Popen(["roslaunch", "--screen",
+                                         f"--sigint-timeout={SIGINT_AFTER}", *target,
+                                         *(_argument(k, v) for k, v in arguments.items())],
+                                        env={**master.environment, MARK + "_LAUNCH": self.id},
+                                        stdin=subprocess.DEVNULL, stdout=self._output,
+                                        stderr=subprocess.STDOUT, start_new_session=True)
 
     def output(self) -> str:
         """Return the complete output."""
@@ -287,8 +253,7 @@ class Launch:
                 time.sleep(0.1)
                 continue
             raise GraphError(
-                f"{self.name}: {trouble} {', '.join(sorted(missing))} came up:\n{self.tail()}"
-            )
+                f"{self.name}: {trouble} {', '.join(sorted(missing))} came up:\n{self.tail()}")
 
     def interrupt(self) -> None:
         """Stop it as with Ctrl-C, without deleting parameters."""
@@ -303,7 +268,7 @@ class Launch:
     def stop(self, clean: bool = True) -> None:
         """Stop it as with Ctrl-C; GraphError if a node had to be killed or does not end.
 
-        `clean`: forget all parameters; what still runs beside it may want them.
+        clean: forget all parameters.
         """
         if self._output.closed:
             return
@@ -319,8 +284,7 @@ class Launch:
                 begin = output.index(TOUCHED)
                 raise GraphError(
                     f"{self.name}: {output.count(TOUCHED)} touches of the simulation from other "
-                    f"threads; the first:\n{output[begin : begin + 2000]}"
-                )
+                    f"threads; the first:\n{output[begin : begin + 2000]}")
         finally:
             self.master.clean(parameters=clean)
 
@@ -369,8 +333,7 @@ def _argument(name: str, value: Any) -> str:
 
 
 def _links(api: rosgraph.Master, node: str, direction: str, topic: str) -> list[tuple[str, str]]:
-    """Return the ports of a node's connections of a topic, "i"n or "o"ut: its own and the others'.
-    """
+    """Return the ports (its own, the other's) of a node's connections of a topic, "i"n or "o"ut."""
     try:
         with xmlrpc.client.ServerProxy(api.lookupNode(node)) as slave:
             _, _, links = slave.getBusInfo(api.caller_id)
@@ -378,12 +341,9 @@ def _links(api: rosgraph.Master, node: str, direction: str, topic: str) -> list[
         return []  # it is gone, or not there yet
     # identity, whom it is with, direction, transport, topic, whether it is connected, in words
     # such as "TCPROS connection on port 41374 to [127.0.0.1:40623 on socket 6]"
-    return [
-        ends.groups()
-        for link in links
-        if (link[2], link[4], link[5]) == (direction, topic, True)
-        and (ends := re.search(r"on port (\d+) to \[.*:(\d+) on socket", link[6]))
-    ]
+    return [ends.groups() for link in links if (link[2], link[4], link[5])
+            == (direction, topic, True)
+            and (ends := re.search(r"on port (\d+) to \[.*:(\d+) on socket", link[6]))]
 
 
 def _answers(api: rosgraph.Master, node: str) -> bool:

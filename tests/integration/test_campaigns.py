@@ -11,9 +11,7 @@ TESTS = Path(__file__).parents[1]
 @pytest.mark.parametrize("script", ["one_run", "peers"])
 def test_help_is_the_campaigns_own(script, ros_master):
     """Catkin's setup.bash takes words like --help for its own, where it sees them."""
-    done = subprocess.run(
-        [TESTS / script, "--help"], env={"PATH": "/usr/bin:/bin", "HOME": "/"}, text=True,
-        capture_output=True, timeout=60,
-    )  # fmt: skip
+    done = subprocess.run([TESTS / script, "--help"], env={"PATH": "/usr/bin:/bin", "HOME": "/"},
+                          text=True, capture_output=True, timeout=60)
     assert done.returncode == 0 and done.stdout.startswith(f"usage: tests/{script}"), done.stderr
     assert not done.stderr

@@ -4,8 +4,6 @@ This one is shaped as the original's first generation, its parts launched one by
 description made by xacro; test_second_generation.py has the other.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

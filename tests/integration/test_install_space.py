@@ -10,8 +10,7 @@ PROGRAMS = {
     "aras_sim_bridge": "gazebo",
     "aras_visual_servo_bench": "adapt_description",
     "aras_visual_servo_camera": "aras_visual_servo_camera_node",
-    "aras_visual_servo_controller": "aras_visual_servo_controller_node",
-}
+    "aras_visual_servo_controller": "aras_visual_servo_controller_node"}
 WEB = "aras_visual_servo_bench/web"
 PAGES = (f"{WEB}/page", f"{WEB}/live/page", f"{WEB}/report/page", f"{WEB}/browse/page")
 
@@ -22,15 +21,12 @@ def test_installed_programs_start_at_once_with_this_python(tmp_path):
         env={**os.environ, "DESTDIR": str(tmp_path)},
         check=True,
         capture_output=True,
-        timeout=400,
-    )
+        timeout=400)
     libraries = next(tmp_path.rglob("install/lib"))
-    programs = (
-        path for path in libraries.glob("*/*") if path.is_file() and os.access(path, os.X_OK)
-    )
-    interpreters = {
-        str(path.relative_to(libraries)): path.read_text().split("\n")[0] for path in programs
-    }
+    programs = (path for path in libraries.glob("*/*") if path.is_file()
+                and os.access(path, os.X_OK))
+    interpreters = {str(path.relative_to(libraries)): path.read_text().split("\n")[0]
+                    for path in programs}
     here = Path(sys.executable).parent.resolve()
     for program, line in interpreters.items():
         assert line.startswith("#!/") and Path(line[2:]).parent.resolve() == here, program
@@ -40,8 +36,7 @@ def test_installed_programs_start_at_once_with_this_python(tmp_path):
     for page in PAGES:
         source = ROOT / "src" / "aras_visual_servo_bench" / "src" / page
         assert {f.name: f.read_bytes() for f in (library / page).iterdir()} == {
-            f.name: f.read_bytes() for f in source.iterdir()
-        }
+            f.name: f.read_bytes() for f in source.iterdir()}
     # compiled loops are there, those of the workspace as they were: no start compiles them
     for package in ("aras_sim_bridge", "aras_visual_servo_camera", "aras_visual_servo_controller"):
         compiled = {path.name: path.read_bytes() for path in (library / package).rglob("*.nbi")}

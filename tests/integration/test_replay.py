@@ -1,7 +1,5 @@
 """replay.launch: robot, target, clock, images and overlay are restored from a bag alone."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -31,18 +29,14 @@ def picture() -> np.ndarray:
     return image
 
 
-def compressed(stamp: rospy.Time, kind: str = ".png") -> CompressedImage:
-    data = cv2.imencode(kind, picture())[1].tobytes()
-    message = CompressedImage(format=f"rgb8; {kind[1:]} compressed bgr8", data=data)
-    message.header.stamp, message.header.frame_id = stamp, "eye"
-    return message
-
-
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
     """Bag of a run without joints, as record.launch writes it; its target was moved once."""
     path = tmp_path_factory.mktemp("bag") / "run.bag"
     K = [200.0, 0, 159.5, 0, 200.0, 119.5, 0, 0, 1]
+    image = CompressedImage(format="rgb8; png compressed bgr8",
+                            data=cv2.imencode(".png", picture())[1].tobytes())
+    image.header.frame_id = "eye"
     info = CameraInfo(width=320, height=240, distortion_model="plumb_bob", D=[0.0] * 5, K=K)
     with rosbag.Bag(str(path), "w") as made:
         told = {"parameters": {"robot_description": URDF, "target_description": TARGET}}
@@ -60,9 +54,9 @@ def bag(tmp_path_factory):
             time = rospy.Time.from_sec(START + 0.02 * step)
             made.write("/clock", Clock(time), time)
             if step % 10 == 0:
-                info.header.stamp = time
+                info.header.stamp = image.header.stamp = time
                 made.write("/labrob/camera/camera_info", info, time)
-                made.write("/labrob/camera/image_raw/compressed", compressed(time), time)
+                made.write("/labrob/camera/image_raw/compressed", image, time)
     return path
 
 
@@ -88,16 +82,15 @@ def test_a_bag_plays_with_its_robot_its_clock_and_its_pictures(launch, collect, 
     drawings = collect("/aras_visual_servo/markers", MarkerArray)
     launch("aras_visual_servo_gazebo", "replay.launch", nodes=["/play", "/decompress"],
            bag=str(bag), show_rviz="false", markers="true")  # fmt: skip
-    assert URDF != SHIPPED and rospy.get_param("/robot_description") == URDF
+    assert rospy.get_param("/robot_description") == URDF
     assert rospy.get_param("/use_sim_time") is True
     # The first pictures may come before the camera's intrinsics.
     drawn = overlay.wait(timeout=90.0, where=lambda message: contour(message).sum() > 150)
     assert contour(drawn)[100, 150] and not contour(drawn)[120, 150]  # of the box
     seen = raw.wait()
     assert (seen.encoding, seen.header.frame_id) == ("rgb8", "eye")
-    np.testing.assert_array_equal(
-        np.frombuffer(seen.data, np.uint8).reshape(240, 320, 3), picture()[..., ::-1]
-    )
+    np.testing.assert_array_equal(np.frombuffer(seen.data, np.uint8).reshape(240, 320, 3),
+                                  picture()[..., ::-1])
     moments = measured.wait(where=lambda message: message.valid)
     assert moments.valid and moments.pixel_count == 2400
     assert recorded.messages == []  # what the bag says is not said twice

@@ -1,13 +1,7 @@
 """The same experiment in the runner, on a graph in lockstep and from its bag gives equal runs."""
 
-from __future__ import annotations
-
 import pytest
 from one_run import CASES, differences
-
-
-def test_there_are_forty_experiments_and_three_more():
-    assert len(CASES) == 43
 
 
 @pytest.mark.parametrize("case", ["points/delay 0.02 s", "moments/one process"])

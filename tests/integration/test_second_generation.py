@@ -1,8 +1,6 @@
 """A launch tree written for Gazebo, shaped as the second generation of the original, runs as it is:
 whole by one file, with a plain description, a world of its own, and nodes launched after it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rospy
-import yaml
 from aras_visual_servo_controller.msg import ServoState
 from gazebo_calls import call, time_goes_on
 from gazebo_msgs.msg import ModelState
@@ -30,16 +29,7 @@ NODE = "/aras_visual_servo_camera"
 PLACE = [0.0, 0.0, 0.5905, 0.0, 0.0, 0.3]
 
 
-def reached(states, joints, arm, goal_joints):
-    """Wait for 3 s after the loop has converged; how far off the camera then is, mm, degrees."""
-    states.wait(90, timeout=90.0, where=lambda state: state.phase == "converged")
-    q = arm.read_joints(joints.messages[-1].name, joints.messages[-1].position).positions
-    distance, angle = pose_difference(arm.pose(goal_joints), arm.pose(q))
-    return 1e3 * distance, np.degrees(angle)
-
-
 def test_a_solids_goal_is_taught_where_the_arm_stands(launch, ros_node, ros_master, tmp_path):
-    """From its pose."""
     mesh = write_obj(tmp_path / "bracket.obj", [(corners_of("bracket"), 0.1)])
     shown = Experiment(target={"shape": str(mesh), "pose": PLACE}, scheme="model",
                        goal=[0.02, 0.06, -0.05, 0.04, -0.05, 0.1])  # fmt: skip
@@ -47,20 +37,14 @@ def test_a_solids_goal_is_taught_where_the_arm_stands(launch, ros_node, ros_mast
     made.plant.close()
     (tmp_path / "there.yaml").write_text(made.goal.to_yaml("for a test"))
     taught = tmp_path / "taught.yaml"
-    robot = launch(
-        "aras_visual_servo_gazebo", "aras_visual_servo.launch", nodes=["/gazebo"],
-        paused=True, target=str(mesh), target_place="-x 0 -y 0 -z 0.5905 -Y 0.3",
-    )  # fmt: skip
-    launch(
-        "aras_visual_servo_gazebo", "one_camera.launch", nodes=[f"{NODE}_own"], name="own",
-        images="/labrob/camera", features=f"{SPACE}/camera",
-    )  # fmt: skip
+    robot = launch("aras_visual_servo_gazebo", "aras_visual_servo.launch", nodes=["/gazebo"],
+                   paused=True, target=str(mesh), target_place="-x 0 -y 0 -z 0.5905 -Y 0.3")
+    launch("aras_visual_servo_gazebo", "one_camera.launch", nodes=[f"{NODE}_own"], name="own",
+           images="/labrob/camera", features=f"{SPACE}/camera")
     start = f"{{pose: {PLACE}}}"
-    command = [
-        "rosrun", "aras_visual_servo_controller", "teach", "--go", str(tmp_path / "there.yaml"),
-        "--scheme", "model", "--images", "10", str(taught), f"_model:={mesh}",
-        f"_model_start:={start}",
-    ]  # fmt: skip
+    command = ["rosrun", "aras_visual_servo_controller", "teach", "--go",
+               str(tmp_path / "there.yaml"), "--scheme", "model", "--images", "10", str(taught),
+               f"_model:={mesh}", f"_model_start:={start}"]
     with time_goes_on():
         wait_for_message(f"{SPACE}/joint_states", JointState, 60.0)
         ros_master.run(command, 90.0)
@@ -71,44 +55,6 @@ def test_a_solids_goal_is_taught_where_the_arm_stands(launch, ros_node, ros_mast
     assert goal.plane == pytest.approx(made.goal.plane, rel=0.02, abs=0.02)
     assert goal.target is None and goal.depth == pytest.approx(made.goal.depth, rel=5e-3)
     robot.stop()
-
-
-def test_a_target_is_told_by_its_label_on_a_graph_in_lockstep(launch, collect, tmp_path):
-    """By corners that the controller looks for itself."""
-    shape, size, scheme = "l_shape", [0.08, 0.06], "points"
-    place = [0.0, 0.0, 0.591, 0.0, 0.0, 0.3]
-    settings = {"width": 320, "height": 240, "horizontal_fov": 2.0, "update_rate": 30.0}
-    (tmp_path / "camera.yaml").write_text(yaml.safe_dump({**settings, "segmentation": True}))
-    told = {"segmentation": {"method": "label"}}
-    shown = Experiment(target={"shape": shape, "size": size, "pose": place}, scheme=scheme,
-                       controller_parameters=told, camera=settings)  # fmt: skip
-    made = assemble(shown)
-    made.plant.close()
-    (tmp_path / "goal.yaml").write_text(made.goal.to_yaml("for a test"))
-    states = collect(f"{SPACE}/controller/state", ServoState)
-    joints = collect(f"{SPACE}/joint_states", JointState)
-    robot = launch(
-        "aras_visual_servo_gazebo", "aras_visual_servo.launch", nodes=["/gazebo"],
-        paused=True, target=shape, target_size=" ".join(map(str, size)),
-        target_place=f"-x 0 -y 0 -z {place[2]} -Y 0.3",
-        camera=str(tmp_path / "camera.yaml"), speed_mode="lockstep",
-    )  # fmt: skip
-    arm = made.servo.arm
-    at = made.goal.get_joints(arm.names)
-    begin = (at + np.array([0.02, 0.03, -0.03, 0.02, -0.02, 0.1])).round(5).tolist()
-    nodes = launch(
-        "aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch",
-        nodes=["/aras_visual_servo_controller"], scheme=scheme, goal=tmp_path / "goal.yaml",
-        start=str(begin), segmentation="{method: label, label: target}", gain=2.0,
-    )  # fmt: skip
-    try:
-        with time_goes_on():
-            distance, angle = reached(states, joints, arm, at)
-        assert distance < 0.3 and angle < 0.3
-    finally:
-        print([(m.phase, m.reason) for m in states.messages[-1:]], nodes.output()[-1500:])
-        nodes.stop()
-        robot.stop()
 
 
 CRATE = """<sdf version="1.6"><world name="a">
@@ -137,32 +83,26 @@ def test_a_link_of_the_world_is_servoed_to(launch, ros_node, collect, tmp_path):
     arm, at = made.servo.arm, made.goal.get_joints(made.servo.arm.names)
     states = collect(f"{SPACE}/controller/state", ServoState)
     joints = collect(f"{SPACE}/joint_states", JointState)
-    robot = launch(
-        "aras_visual_servo_gazebo", "aras_visual_servo.launch", nodes=["/gazebo"],
-        paused=True, target="none", world_name=str(world),
-    )  # fmt: skip
+    launch("aras_visual_servo_gazebo", "aras_visual_servo.launch", nodes=["/gazebo"],
+           paused=True, target="none", world_name=str(world))
     with time_goes_on():
         joints.wait(timeout=60.0, where=lambda m: m.header.stamp.to_sec() > 1.0)
     moved = Pose.from_rpy((0.035, -0.005, 0.623), (0.0, 0.0, 0.5))
     place = GazeboPose(Point(*moved.xyz), Quaternion(*moved.quat))
     assert call("set_model_state", SetModelState, ModelState("crate", place, Twist(), "")).success
-    nodes = launch(
-        "aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch",
-        nodes=["/aras_visual_servo_controller"], scheme="model", goal=tmp_path / "goal.yaml",
-        link="crate", world_name=str(world), gain=2.0,
-        start=str((at + [0.02, 0.03, -0.03, 0.02, -0.02, 0.1]).round(5).tolist()),
-    )  # fmt: skip
+    nodes = launch("aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch",
+                   nodes=["/aras_visual_servo_controller"], scheme="model", goal=tmp_path
+                   / "goal.yaml", link="crate", world_name=str(world), gain=2.0,
+                   start=str((at + [0.02, 0.03, -0.03, 0.02, -0.02, 0.1]).round(5).tolist()))
+    told = rospy.get_param("/aras_visual_servo_controller/model_start")["pose"]
+    assert told == pytest.approx([0.035, -0.005, 0.623, 0.0, 0.0, 0.5], abs=1e-4)
+    crate = matrix_from_xyz_rpy((0.02, 0.01, 0.62), (0.0, 0.0, 0.6))
+    wanted = moved.matrix() @ inverse(crate) @ made.goal_pose
     try:
-        told = rospy.get_param("/aras_visual_servo_controller/model_start")["pose"]
-        assert told == pytest.approx([0.035, -0.005, 0.623, 0.0, 0.0, 0.5], abs=1e-4)
         with time_goes_on():
             states.wait(60, timeout=90.0, where=lambda state: state.phase == "converged")
-        q = arm.read_joints(joints.messages[-1].name, joints.messages[-1].position).positions
-        crate = matrix_from_xyz_rpy((0.02, 0.01, 0.62), (0.0, 0.0, 0.6))
-        wanted = moved.matrix() @ inverse(crate) @ made.goal_pose
-        distance, angle = pose_difference(wanted, arm.pose(q))
-        assert distance < 5e-4 and angle < np.radians(0.3)
     finally:
         print([(m.phase, m.reason) for m in states.messages[-1:]], nodes.output()[-1500:])
-        nodes.stop()
-        robot.stop()
+    q = arm.read_joints(joints.messages[-1].name, joints.messages[-1].position).positions
+    distance, angle = pose_difference(wanted, arm.pose(q))
+    assert distance < 5e-4 and angle < np.radians(0.3)

@@ -1,8 +1,6 @@
 """Robots of a public registry as they are shipped, meshes and all: a UR5 in a namespace of its own,
 a Panda with its hand, and TIAGo, which drives, in the root namespace."""
 
-from __future__ import annotations
-
 import math
 import os
 import sysconfig
@@ -13,8 +11,8 @@ import pytest
 import rospy
 from control_msgs.msg import FollowJointTrajectoryAction, FollowJointTrajectoryGoal
 from controller_manager_msgs.srv import ListControllers, LoadController, SwitchController
-from gazebo_msgs.srv import DeleteModel, GetModelState, GetPhysicsProperties, SpawnModel
-from geometry_msgs.msg import Pose
+from gazebo_calls import at, call, place, spawn
+from gazebo_msgs.srv import DeleteModel, GetPhysicsProperties
 from ros_graph import wait_for
 from sensor_msgs.msg import CameraInfo, Image, JointState
 from std_msgs.msg import Float64, Float64MultiArray
@@ -27,17 +25,14 @@ UR5 = ["shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint",
        "wrist_1_joint", "wrist_2_joint", "wrist_3_joint"]  # fmt: skip
 PANDA = [f"panda_joint{k}" for k in range(1, 8)]
 FINGER = "panda_finger_joint1"
-# A damping d acts by the velocity of the step before: it rings where d dt is about the inertia that
-# a joint feels: 0.02-0.08 kg m² at joints 1 and 3, 0.14-0.9 at 2 and 4 (1 / diagonal of M⁻¹).
+# A damping d acts by the velocity of the step before: it rings where d dt is about the inertia.
 EFFORT_GAINS = {
     joint: {"p": p, "d": d}
     for joint, p, d in zip(
         PANDA,
         (1000.0, 6000.0, 1000.0, 6000.0, 300.0, 300.0, 300.0),
         (15.0, 150.0, 10.0, 60.0, 3.0, 3.0, 2.0),
-        strict=True,
-    )
-}
+        strict=True)}
 WHEELS = ["wheel_left_joint", "wheel_right_joint"]
 WHEEL_RADIUS = 0.0985  # m, of TIAGo
 STATES = {"type": "joint_state_controller/JointStateController", "publish_rate": 100}
@@ -67,16 +62,13 @@ def transmission(joint: str, interface: str) -> str:
     return (
         f'<transmission name="{joint}_t"><type>transmission_interface/SimpleTransmission</type>'
         f'<joint name="{joint}"><hardwareInterface>hardware_interface/{interface}'
-        f'</hardwareInterface></joint><actuator name="{joint}_m"/></transmission>'
-    )
+        f'</hardwareInterface></joint><actuator name="{joint}_m"/></transmission>')
 
 
 def trajectory(interface: str, joints: list[str], **more: object) -> dict:
-    """With the tolerance that UR's own configuration has: a joint that is put where it is
-    commanded shows what gravity gives it in one step."""
+    """Return a controller with the tolerance that UR's own configuration has."""
     return {"type": f"{interface}_controllers/JointTrajectoryController", "joints": joints,
-            "constraints": {"goal_time": 3.0, "stopped_velocity_tolerance": 0.05},
-            **more}  # fmt: skip
+            "constraints": {"goal_time": 3.0, "stopped_velocity_tolerance": 0.05}, **more}
 
 
 class Robot:
@@ -87,16 +79,10 @@ class Robot:
         self._states = collect(f"{namespace}/joint_states", JointState)
 
     def spawn(self, description: str, parameters: dict, place=(0.0, 0.0, 0.0)) -> None:
-        """Parameters are set when the node has long been running, as rosparam does it."""
         for key, value in parameters.items():
             rospy.set_param(f"{self.namespace}/{key}", value)
-        pose = Pose()
-        pose.position.x, pose.position.y, pose.position.z = place
-        pose.orientation.w = 1.0
-        space = self.namespace and f"{self.namespace}/"
-        spawn = (self.name, description, space, pose, "")
-        answer = call("/gazebo/spawn_urdf_model", SpawnModel, *spawn)
-        assert answer.success, answer.status_message
+        spawn(self.name, description, robot_namespace=self.namespace and f"{self.namespace}/",
+              initial_pose=at(*place))
         manager = f"{self.namespace}/controller_manager"
         for name in parameters:
             loaded = call(f"{manager}/load_controller", LoadController, name).ok
@@ -114,37 +100,28 @@ class Robot:
     def follows(self, controller: str, joints: list[str], goal: list[float]) -> None:
         """The trajectory action takes them there, and says so."""
         client = actionlib.SimpleActionClient(
-            f"{self.namespace}/{controller}/follow_joint_trajectory", FollowJointTrajectoryAction
-        )
+            f"{self.namespace}/{controller}/follow_joint_trajectory", FollowJointTrajectoryAction)
         # the action's own wait_for_server sleeps in simulated time, which this process has not
         wait_for(lambda: client.wait_for_server(rospy.Duration(0.1)), 20.0, f"{controller} to act")
         wanted = FollowJointTrajectoryGoal()
         wanted.trajectory.joint_names = joints
-        wanted.trajectory.points = [
-            JointTrajectoryPoint(positions=goal, time_from_start=rospy.Duration(0.8))
-        ]
+        point = JointTrajectoryPoint(positions=goal, time_from_start=rospy.Duration(0.8))
+        wanted.trajectory.points = [point]
         client.send_goal(wanted)
         wait_for(lambda: client.get_state() > actionlib.GoalStatus.ACTIVE, 20.0,
                  f"{self.namespace}/{controller} to end")  # fmt: skip
         assert client.get_state() == actionlib.GoalStatus.SUCCEEDED, (
-            client.get_result(), self._states.messages[-1]
-        )
+            client.get_result(), self._states.messages[-1])
         # The result and the joints' states come over connections of their own: either may be first.
         there = pytest.approx(goal, abs=0.05)
         wait_for(lambda: [self.joint(joint) for joint in joints] == there, 20.0,
                  f"{joints} to be at {goal}")  # fmt: skip
 
     def sends(self, controller: str, message) -> None:
-        publisher = rospy.Publisher(
-            f"{self.namespace}/{controller}/command", type(message), queue_size=1
-        )
+        publisher = rospy.Publisher(f"{self.namespace}/{controller}/command", type(message),
+                                    queue_size=1)
         wait_for(publisher.get_num_connections, 10.0, f"{controller} listens")
         publisher.publish(message)
-
-
-def call(name: str, service: type, *args: object) -> object:
-    rospy.wait_for_service(name, 20.0)
-    return rospy.ServiceProxy(name, service)(*args)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -187,8 +164,7 @@ def test_ur5(robot, collect):
     infos = collect(f"{namespace}/eye/camera_info", CameraInfo)
     text = shipped("ur_description/urdf/ur5_robot.urdf", CAMERA.replace("PARENT", "tool0"))
     arm.spawn(text, {
-        "joint_state_controller": STATES, "arm_controller": trajectory("position", UR5)
-    })  # fmt: skip
+        "joint_state_controller": STATES, "arm_controller": trajectory("position", UR5)})
     arm.follows("arm_controller", UR5, [0.3, -1.2, 1.2, -1.6, -1.57, 0.5])
     # looking down by then: not only at the sky
     image = images.wait(1, 10.0, where=lambda m: len(set(m.data)) > 1)
@@ -202,14 +178,12 @@ def test_panda_and_its_gripper(robot):
         "panda_description/urdf/panda.urdf",
         *(transmission(joint, "EffortJointInterface") for joint in (*PANDA, FINGER)), PLUGIN,
         '<link name="world"/><joint name="foot" type="fixed"><parent link="world"/>'
-        '<child link="panda_link0"/></joint>',
-    )  # fmt: skip
+        '<child link="panda_link0"/></joint>')
     panda.spawn(text, {
         "joint_state_controller": STATES,
         "arm": trajectory("effort", PANDA, gains=EFFORT_GAINS),
         "hand": {"type": "effort_controllers/JointPositionController", "joint": FINGER,
-                 "pid": {"p": 300.0, "d": 30.0, "i": 20.0, "i_clamp": 5.0}},
-    })  # fmt: skip
+                 "pid": {"p": 300.0, "d": 30.0, "i": 20.0, "i_clamp": 5.0}}})
     panda.follows("arm", PANDA, [0.2, -0.3, 0.1, -1.8, 0.1, 1.6, 0.6])
     panda.sends("hand", Float64(0.03))
     wait_for(lambda: abs(panda.joint(FINGER) - 0.03) < 1.5e-3, 10.0, "the finger opens")
@@ -227,19 +201,16 @@ def test_tiago_drives_and_moves_its_arm(robot):
                   "joint": "hand_thumb_joint"},
     }, (0.0, 0.0, 0.005))  # fmt: skip
 
-    def base():
-        return call("/gazebo/get_model_state", GetModelState, "tiago", "world").pose
-
     tiago.follows("arm", arm, [0.4, -0.4, -1.0, 1.0])
     tiago.sends("thumb", Float64(1.0))
     wait_for(lambda: abs(tiago.joint("hand_thumb_joint") - 1.0) < 0.02, 10.0, "the thumb bends")
-    before, turned = base(), [tiago.joint(wheel) for wheel in WHEELS]
+    before, turned = place("tiago"), [tiago.joint(wheel) for wheel in WHEELS]
     tiago.sends("base", Float64MultiArray(data=[4.0, 4.0]))
-    wait_for(lambda: base().position.x - before.position.x > 0.4, 20.0, "it drives")
+    wait_for(lambda: place("tiago")[0] - before[0] > 0.4, 20.0, "it drives")
     tiago.sends("base", Float64MultiArray(data=[0.0, 0.0]))
     wait_for(lambda: abs(tiago.joint(WHEELS[0], "velocity")) < 0.01, 10.0, "it stops")
-    after = base()
+    after = place("tiago")
     rolled = [tiago.joint(w) - t for w, t in zip(WHEELS, turned, strict=True)]
-    way = math.hypot(after.position.x - before.position.x, after.position.y - before.position.y)
+    way = math.dist(after[:2], before[:2])
     assert way == pytest.approx(WHEEL_RADIUS * sum(rolled) / 2, rel=0.05), "it does not slip"
-    assert abs(after.position.z - before.position.z) < 0.01
+    assert abs(after[2] - before[2]) < 0.01

@@ -3,8 +3,6 @@
 On the graph the joints are in another order than the arm's; numbers are all different.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import rospy
 from sensor_msgs.msg import JointState
@@ -28,9 +26,8 @@ ARM = """<robot name="two"><link name="base"/><link name="cart"/><link name="han
   <limit lower="-1.5" upper="2" effort="5" velocity="1.9"/></joint>
 <joint name="eye" type="fixed"><parent link="hand"/><child link="camera_optical_frame"/>
   <origin xyz="0.05 0 0" rpy="-1.9 0.1 -1.3"/></joint></robot>"""
-SETTINGS = ControllerSettings(
-    namespace="/two", camera_namespace="/eye/camera", command_topic="both", scheme="points"
-)
+SETTINGS = ControllerSettings(namespace="/two", camera_namespace="/eye/camera",
+                              command_topic="both", scheme="points")
 K = (510.0, 0.0, 33.0, 0.0, 433.0, 21.0, 0.0, 0.0, 1.0)
 NAMES = ("x0", "y0", "Z")
 
@@ -46,11 +43,10 @@ def made_state(stamp: float, phase: str = "servoing", **more: object) -> ServoSt
     features, desired = random.normal(size=(2, 3))
     L, jacobian = random.normal(size=(3, 6)), random.normal(size=(6, 2))
     task = Task.from_interaction(L, random.normal(size=3))
-    resolution = IKSolution(
-        random.normal(size=2), np.zeros(2), task.twist, random.normal(size=6),
-        random.normal(size=6), float(random.uniform(0.3, 0.9)), random.uniform(0.1, 0.2, 2),
-        (), "", (), task.L, jacobian, np.ones(6, bool),
-    )  # fmt: skip
+    resolution = IKSolution(random.normal(size=2), np.zeros(2), task.twist, random.normal(size=6),
+                            random.normal(size=6), float(random.uniform(0.3, 0.9)),
+                            random.uniform(0.1, 0.2, 2), (), "", (), task.L, jacobian,
+                            np.ones(6, bool))
     return ServoState(**{
         "stamp": stamp, "phase": phase, "outcome": "running", "reason": "slow", "remedy": "wait",
         "scheme_output": SchemeOutput(NAMES, features, desired, features - desired, task,
@@ -59,8 +55,7 @@ def made_state(stamp: float, phase: str = "servoing", **more: object) -> ServoSt
             position(stamp)),
         "command": position(stamp) + 0.01, "computation_time": 0.0017 + 1e-3 * random.random(),
         "scheme": "points", "arrival_status": ArrivalStatus(True,
-            pose_uncertainty=PoseUncertainty(3e-4, 0.012)), **more,
-    })  # fmt: skip
+            pose_uncertainty=PoseUncertainty(3e-4, 0.012)), **more})
 
 
 def joint_states(stamp: float, *, velocity: bool = True) -> JointState:

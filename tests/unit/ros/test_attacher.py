@@ -1,7 +1,5 @@
 """The services of a world's link attacher."""
 
-from __future__ import annotations
-
 import pytest
 from gazebo_ros_link_attacher.srv import Attach
 

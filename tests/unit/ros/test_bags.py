@@ -1,16 +1,17 @@
 """A recorded run is read from its bag unchanged, whatever data the bag lacks."""
 
-from __future__ import annotations
-
 import json
+import re
 import struct
 from pathlib import Path
 
 import cv2
+import genpy.dynamic
 import numpy as np
 import pytest
 import rosbag
 import rospy
+import yaml
 from geometry_msgs.msg import Transform, TransformStamped
 from rosgraph_msgs.msg import Clock
 from run_messages import ARM, NAMES, SETTINGS, K, joint_states, made_state, position, same, told
@@ -19,6 +20,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image, JointState
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
+from aras_visual_servo_bench.cli import main
 from aras_visual_servo_bench.errors import BenchError
 from aras_visual_servo_bench.recording import message_run_builder
 from aras_visual_servo_bench.recording.graph_recording import GraphRecording
@@ -64,8 +66,7 @@ def described(**parameters: object) -> str:
         "controller": "/loop", "versions": {"numpy": "1"}, "goals": {},
         "launch": [["pkg", "a.launch", "camera:=lab"]],
         "parameters": {"robot_description": ARM, "loop": {
-            "scheme": "points", "namespace": "/two", "command_topic": "both", **parameters}},
-    })  # fmt: skip
+            "scheme": "points", "namespace": "/two", "command_topic": "both", **parameters}}})
 
 
 def write(path: Path, graph, face, *, experiment: str = "", compressed: bool = False,
@@ -76,7 +77,7 @@ def write(path: Path, graph, face, *, experiment: str = "", compressed: bool = F
     from aras_visual_servo_camera.msg import ImageMoments
     from gazebo_msgs.msg import PerformanceMetrics
 
-    with rosbag.Bag(str(path), "a" if append else "w") as bag:
+    with rosbag.Bag(str(path), "a" if append else "w", chunk_threshold=20_000) as bag:
         def put(topic, message, stamp, late=0.0):
             if topic.rpartition("/")[2] not in skip:
                 written = rospy.Time.from_sec(stamp + late + (30.0 if append else 0.0))
@@ -319,6 +320,8 @@ def test_a_bag_that_was_not_closed_is_read_as_far_as_it_goes(graph, face, tmp_pa
     same(run.stamp, bags.read_bag(path).stamp)
     same(run.joint_stamp, bags.read_bag(path).joint_stamp)
     assert cut.read_bytes() == head
+    cut.write_bytes(head[: round(0.6 * len(head))])
+    assert 0 < len(bags.read_bag(cut).stamp) <= len(run.stamp)
     cut.write_bytes(head[:200])
     with pytest.raises(BenchError, match="b.bag.active"):
         bags.read_bag(cut)
@@ -348,13 +351,20 @@ def test_whatever_rosbag_raises_of_a_damaged_bag_is_told(monkeypatch, tmp_path, 
     (("diagnosis",), "no diagnosis: outcome and achieved twist are unknown"),
     (("image_raw",), "the bag has no images"), (("tf", "tf_static"), "no transforms of the camera"),
     (("tf_static",), "no transforms of the camera"),
-    (("joint_states",), "no joint states of slide, elbow"),
-])  # fmt: skip
+    (("joint_states",), "no joint states of slide, elbow")])
 def test_what_a_bag_lacks_is_noted(graph, face, tmp_path, skip, said):
     run = bags.read_bag(write(tmp_path / "a.bag", graph, face, skip=skip))
     assert any(said in note for note in run.notes), run.notes
+
+
+def test_a_bag_without_a_run_is_named(graph, face, tmp_path):
     with pytest.raises(BenchError, match="contains no state of a servo .*; its topics: /"):
         bags.read_bag(write(tmp_path / "b.bag", graph, face, skip=("state",)))
+    with rosbag.Bag(str(tmp_path / "c.bag"), "w") as bag:
+        bag.write("/two/controller/state", told(graph, face, ServoState(1.0, "waiting", reason="no "
+                  "image on /eye"))[0], rospy.Time(1))
+    with pytest.raises(BenchError, match="last phase is waiting: no image on /eye"):
+        bags.read_bag(tmp_path / "c.bag")
 
 
 def heard(graph, face, scheme="points", count=3) -> GraphRecording:
@@ -372,15 +382,13 @@ def heard(graph, face, scheme="points", count=3) -> GraphRecording:
 
 
 @pytest.mark.parametrize(("scheme", "at_any_depth"), [
-    ("moments", False), ("theta_u", True), ("pose", False), ("lines", True),
-])  # fmt: skip
+    ("moments", False), ("theta_u", True), ("pose", False), ("lines", True)])
 def test_features_have_the_units_and_tolerances_of_their_scheme(graph, face, scheme, at_any_depth):
     """Tolerances of lengths are parts of the goal's depth, which these messages do not tell."""
     made = ControllerSettings(scheme=scheme).make_scheme()
     for count in (len(made.units), len(made.units) + 1):
-        run = message_run_builder.MessageRunBuilder(heard(graph, face, scheme, count)).build_run(
-            "name"
-        )
+        given = heard(graph, face, scheme, count)
+        run = message_run_builder.MessageRunBuilder(given).build_run("name")
         known = count == len(made.units)
         assert run.units == (tuple(made.units) if known else ("",) * count)
         assert run.tolerances == (tuple(made.tolerances) if known and at_any_depth else ())
@@ -395,8 +403,7 @@ def test_joint_states_that_lack_a_place_are_left_out_and_speeds_may_be_unknown(g
         (1.7, ("elbow", "slide", "finger"), (0.8, 0.9), (1.0, 1.1, 8.0)),  # of the finger none
         (1.8, ("elbow", "finger"), (1.2, 9.0), (1.3, 8.0)),
         (1.9, ("slide", "elbow"), (), ()), (2.0, ("elbow", "slide"), (1.4, 1.5), ()),
-        (2.1, ("elbow", "slide"), (1.6, 1.7), (1.8,)),
-    )  # fmt: skip
+        (2.1, ("elbow", "slide"), (1.6, 1.7), (1.8,)))
     read = heard(graph, face)
     read.joints = [JointState(name=n, position=q, velocity=v) for _, n, q, v in rows]
     for message, (stamp, *_) in zip(read.joints, rows, strict=True):
@@ -407,6 +414,62 @@ def test_joint_states_that_lack_a_place_are_left_out_and_speeds_may_be_unknown(g
                                [(0.1, 0.2), (0.9, 0.8), (1.5, 1.4), (1.7, 1.6)])
     unknown = (np.nan, np.nan)
     np.testing.assert_allclose(run.measured_velocities, [(0.3, 0.4), (1.1, 1.0), unknown, unknown])
+
+
+def test_of_several_runs_the_last_is_told(graph, face, tmp_path):
+    path = write(tmp_path / "a.bag", graph, face, experiment=described())
+    write(path, graph, face, shift=10.0, append=True, skip=("camera_info",))
+    run = bags.read_bag(path)
+    same(run.stamp, np.round(STAMPS[1:] + 10.0, 9))
+    assert any("has 2 runs" in note for note in run.notes)
+    assert not any("clock was reset" in note for note in run.notes)
+
+
+def write_without(path: Path, source: Path, topic: str, field: str) -> Path:
+    """Copy a bag as if the messages of a topic had been defined without a field."""
+    older = None
+    with rosbag.Bag(str(source)) as there, rosbag.Bag(str(path), "w") as copy:
+        for name, message, time in there:
+            if name == topic:
+                if older is None:
+                    definition = re.sub(rf"^\S+ +{field}\b.*\n", "", message._full_text,
+                                        flags=re.MULTILINE)
+                    older = genpy.dynamic.generate_dynamic(message._type, definition)[message._type]
+                message = older(*(getattr(message, slot) for slot in older.__slots__))
+            copy.write(name, message, time)
+    return path
+
+
+def test_a_bag_of_another_version_is_named_or_told_without_what_it_lacks(graph, face, tmp_path):
+    whole = write(tmp_path / "whole.bag", graph, face)
+    state, report = "/two/controller/state", "/two/controller/diagnosis"
+    with pytest.raises(BenchError, match=f"{state} has another version .* without desired_f"):
+        bags.read_bag(write_without(tmp_path / "a.bag", whole, state, "desired_features"))
+    run = bags.read_bag(write_without(tmp_path / "b.bag", whole, report, "manipulability"))
+    assert f"{report} has another version" in "".join(run.notes)
+    assert not np.isfinite(run.scale).any()
+    same(run.stamp, bags.read_bag(whole).stamp)
+    # What was added later and is not needed is not missed.
+    run = bags.read_bag(write_without(tmp_path / "c.bag", whole, report, "filtered_error"))
+    assert not any("another version of" in note for note in run.notes)
+    assert np.isfinite(run.scale).any()
+
+
+def test_a_bag_shows_its_experiment_and_what_it_was_made_of(graph, face, tmp_path, capsys):
+    content = json.loads(described(gain=2.5))
+    content["goals"] = {"../stolen.yaml": "a", "experiment.yaml": "f"}
+    path = write(tmp_path / "a.bag", graph, face, experiment=json.dumps(content))
+    assert main(["show", str(path), "--out", str(tmp_path / "shown")]) == 0
+    said = capsys.readouterr().out
+    assert "# the goal '../stolen.yaml' is omitted: it is not a file name" in said
+    told = yaml.safe_load(said)
+    assert (told["scheme"], told["gain"]) == ("points", 2.5)
+    assert yaml.safe_load((tmp_path / "shown" / "experiment.yaml").read_text()) == told
+    assert {file.name for file in (tmp_path / "shown").iterdir()} == {
+        "experiment.yaml", "launch.txt", "parameters.yaml", "robot.urdf", "versions.txt"}
+    assert not (tmp_path / "stolen.yaml").exists()
+    assert main(["show", str(write(path, graph, face))]) == 1
+    assert "older version" in capsys.readouterr().err
 
 
 def test_a_run_ends_where_the_arm_goes_to_a_start_or_other_features_are_seen():

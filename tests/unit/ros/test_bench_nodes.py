@@ -1,7 +1,6 @@
 """Smaller nodes and tools of the bench on a graph, and the programs that start them."""
 
-from __future__ import annotations
-
+import contextlib
 import gc
 import json
 import os
@@ -41,46 +40,17 @@ from aras_visual_servo_ros import shutdown
 
 SOURCES = Path(__file__).parents[3] / "src"
 
-# -- programs --------------------------------------------------------------------------------------
-
-STARTED = {  # program: module whose main it runs
-    **{f"aras_visual_servo_bench/nodes/{name}": f"aras_visual_servo_bench.ros.{name}" for name in (
-        "dashboard", "decompress", "demo", "describe", "move_target", "target_link")},
-    "aras_visual_servo_bench/nodes/markers": "aras_visual_servo_bench.ros.rviz_markers",
-    **{f"aras_visual_servo_bench/nodes/{name}": "aras_visual_servo_bench.cli"
-       for name in ("analyze", "bench", "protocol")},
-    "aras_visual_servo_bench/nodes/target_files": "aras_visual_servo_bench.targets.target_files",
-    "aras_visual_servo_camera/nodes/aras_visual_servo_camera_node": "aras_visual_servo_camera.node",
-    "aras_visual_servo_controller/nodes/aras_visual_servo_controller_node":
-        "aras_visual_servo_controller.ros.node",
-    "aras_visual_servo_controller/nodes/aras_visual_servo_combined_node":
-        "aras_visual_servo_controller.ros.combined_node",
-    "aras_visual_servo_controller/nodes/aras_teleop": "aras_visual_servo_controller.ros.teleop",
-    "aras_visual_servo_controller/nodes/teach": "aras_visual_servo_controller.ros.teach_goal",
-    **{f"aras_sim_bridge/nodes/{name}": f"aras_sim_bridge.ros.cli.{name}" for name in (
-        "controller_group", "controller_manager", "spawn_model", "spawner", "unspawner")},
-    "aras_sim_bridge/nodes/gazebo": "aras_sim_bridge.ros.runtime.node",
-    **{f"upstream_names/controller_manager/scripts/{name}": f"aras_sim_bridge.ros.cli.{name}"
-       for name in ("controller_group", "controller_manager", "spawner", "unspawner")},
-    **{f"upstream_names/gazebo_ros/scripts/{name}": f"aras_sim_bridge.ros.cli.{name}"
-       for name in ("gzclient", "gzserver", "spawn_model")},
-    "upstream_names/gazebo_ros/scripts/gazebo": "aras_sim_bridge.ros.cli.gzserver",
-}
 OTHERS = {"upstream_names/xacro/scripts/xacro", "upstream_names/xacro/scripts/xacro.py"}
+PROGRAMS = {str(one.relative_to(SOURCES)) for folder in ("*/nodes", "upstream_*/*/scripts")
+            for one in SOURCES.glob(f"{folder}/*") if one.is_file()} - OTHERS
 
 
-def test_no_program_is_left_out():
-    found = [*SOURCES.glob("*/nodes/*"), *SOURCES.glob("upstream_*/*/scripts/*")]
-    names = {str(one.relative_to(SOURCES)) for one in found if one.is_file()}
-    assert names == OTHERS | set(STARTED)
-
-
-@pytest.mark.parametrize("program", STARTED)
+@pytest.mark.parametrize("program", sorted(PROGRAMS))
 def test_a_program_prints_its_help_and_ends(monkeypatch, capsys, program):
     before, name = signal.getsignal(signal.SIGINT), program.rpartition("/")[2]
     collected = gc.isenabled()
     monkeypatch.setattr(sys, "argv", [name, "--help"])
-    if STARTED[program].endswith(".cli"):  # whose workers import it too
+    if name in ("analyze", "bench", "protocol"):  # whose workers import it too
         runpy.run_path(str(SOURCES / program), run_name="__mp_main__")
     try:
         with pytest.raises(SystemExit) as ended:
@@ -162,9 +132,8 @@ def test_xacro_reads_files_of_before_noetic(tmp_path, unknown):
 
 
 def test_rviz_takes_the_program_s_place_where_there_is_a_display(monkeypatch, capsys):
-    path = str(SOURCES / "aras_visual_servo_bench/scripts/show_rviz")
-    run = runpy.run_path(path)
-    begun = []
+    run = runpy.run_path(str(SOURCES / "aras_visual_servo_bench/scripts/show_rviz"))
+    begun, asked = [], []
     monkeypatch.setattr(os, "execvp", lambda *given: begun.append(given))
     monkeypatch.setattr(sys, "argv", ["show_rviz", "-d", "x"])
     monkeypatch.setenv("DISPLAY", "far:10.0")  # over ssh
@@ -177,29 +146,20 @@ def test_rviz_takes_the_program_s_place_where_there_is_a_display(monkeypatch, ca
     monkeypatch.delenv("DISPLAY")
     assert run["main"]() == 0 and len(begun) == 1
     assert "DISPLAY is not set" in capsys.readouterr().err
-    asked = []
 
-    class Socket:
-        def __init__(self, family):
-            assert family == run["socket"].AF_UNIX
+    def connect(address):
+        asked.append(address)
+        return 0 if address == "\0/tmp/.X11-unix/X31" else 2
 
-        def __enter__(self):
-            return self
-        def __exit__(self, *_):
-            return None
+    def make_socket(family):
+        assert family == run["socket"].AF_UNIX
+        return contextlib.nullcontext(SimpleNamespace(connect_ex=connect))
 
-        def connect_ex(self, address):
-            asked.append(address)
-            return 0 if address == "\0/tmp/.X11-unix/X31" else 2
-
-    monkeypatch.setattr(run["socket"], "socket", Socket)
+    monkeypatch.setattr(run["socket"], "socket", make_socket)
     for display, why in ((":31", ""), ("unix:31.2", ""),
                          (":32.0", "no X server answers on display :32.0")):
         assert run["find_display_problem"](display) == why
     assert asked[:2] == ["/tmp/.X11-unix/X31", "\0/tmp/.X11-unix/X31"]
-
-
-# -- start and end of a node -----------------------------------------------------------------------
 
 
 def test_a_node_runs_and_its_fault_is_one_line(graph, life, monkeypatch):
@@ -232,9 +192,6 @@ def test_beats_go_on_until_the_node_or_the_master_ends(graph, life, monkeypatch,
     (why,) = life.end_reasons
     assert why == "the ROS master does not answer any more"
     assert capsys.readouterr().err == f"{rospy.get_name()[1:]}: {why}: ending\n"
-
-
-# -- a moved target --------------------------------------------------------------------------------
 
 
 def test_a_target_is_moved_from_where_it_lies(graph, life, monkeypatch, capsys):
@@ -292,9 +249,6 @@ def test_a_target_is_moved_from_where_it_lies(graph, life, monkeypatch, capsys):
     capsys.readouterr()
 
 
-# -- pictures of a bag -----------------------------------------------------------------------------
-
-
 def test_compressed_pictures_are_passed_on_raw(graph, life, monkeypatch):
     spun = []
     monkeypatch.setattr(rospy, "spin", lambda: spun.append(1))
@@ -326,9 +280,6 @@ def test_compressed_pictures_are_passed_on_raw(graph, life, monkeypatch):
     life.down = True
     hear(CompressedImage(format="png", data=cv2.imencode(".png", colour)[1].tobytes()))
     assert len(publisher.sent) == 3
-
-
-# -- what repeats a run ----------------------------------------------------------------------------
 
 
 def test_a_run_is_described_when_something_of_it_is_new(graph, life, monkeypatch):
@@ -384,9 +335,6 @@ def test_launches_of_the_same_master_are_found(tmp_path, monkeypatch):
     (tmp_path / "13").mkdir()
     (tmp_path / "self").symlink_to("9")
     assert describe.find_launch_commands(tmp_path) == [["p", "a.launch", "x:=1"], ["p", "b.launch"]]
-
-
-# -- the demo's watch ------------------------------------------------------------------------------
 
 
 def test_a_demo_follows_the_controller(graph, life):
@@ -453,9 +401,6 @@ def test_a_recorder_is_ended_and_its_bag_waited_for(life, monkeypatch, tmp_path)
     assert life.now - began == pytest.approx(15.0, abs=0.2)
 
 
-# -- bags as MCAP ----------------------------------------------------------------------------------
-
-
 def test_a_bag_is_converted_message_by_message(tmp_path):
     reader = pytest.importorskip("mcap.reader")
     path, out, parts = tmp_path / "a.bag", tmp_path / "a.mcap", []
@@ -493,9 +438,6 @@ def test_a_bag_is_converted_message_by_message(tmp_path):
     with rosbag.Bag(str(tmp_path / "e.bag"), "w"):
         pass
     assert mcap.convert(tmp_path / "e.bag", out) == {}
-
-
-# -- processes -------------------------------------------------------------------------------------
 
 
 @pytest.fixture

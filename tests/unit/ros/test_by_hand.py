@@ -1,7 +1,5 @@
 """Teleoperation and teaching on a graph: keyboard, gamepad, views of a pose."""
 
-from __future__ import annotations
-
 import argparse
 import io
 import os
@@ -27,15 +25,7 @@ from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.ros import teach, teach_goal, teleop
-from aras_visual_servo_controller.teleop import keyboard
-from aras_visual_servo_controller.teleop.gamepad import (
-    AXIS,
-    AXIS_RANGE,
-    BUTTON,
-    EVENT,
-    FAST,
-    HELP,
-)
+from aras_visual_servo_controller.teleop import gamepad, keyboard
 
 select_ = select.select
 RIGHT, UP, DOWN = "\x1b[C", "\x1b[A", "\x1b[B"
@@ -185,12 +175,13 @@ def test_a_pad_drives_while_its_button_is_held(person, tmp_path):
     idle = plug_in("js0")
     status, told = person.type(["h"], [], [])
     assert status == 0  # although a twist of none is refused
-    assert not sent(person)["slide"] and told.out.count(HELP) == 2
+    assert not sent(person)["slide"] and told.out.count(gamepad.HELP) == 2
 
     device = plug_in("js1")
 
     def press():
-        os.write(device, EVENT.pack(0, -int(AXIS_RANGE), AXIS, 1) + EVENT.pack(0, 1, BUTTON, FAST))
+        os.write(device, gamepad.EVENT.pack(0, -int(gamepad.AXIS_RANGE), gamepad.AXIS, 1)
+                 + gamepad.EVENT.pack(0, 1, gamepad.BUTTON, gamepad.FAST))
         while select_([device], [], [], 0)[0]:
             pass
 
@@ -200,9 +191,9 @@ def test_a_pad_drives_while_its_button_is_held(person, tmp_path):
         os.close(one)
     rospy.set_param("~joystick", str(tmp_path / "none"))
     axes, buttons = [0.0] * 8, [0] * 16
-    axes[1], buttons[FAST] = 1.0, 1
+    axes[1], buttons[gamepad.FAST] = 1.0, 1
     person.early = lambda: person.graph.subscribers["/my/joy"](Joy(axes=axes, buttons=buttons))
-    assert not person.type()[1].out.count(HELP)
+    assert not person.type()[1].out.count(gamepad.HELP)
     assert not sent(person)["slide"]  # nothing is known of the joints yet
     person.early = lambda: None
     person.type(lambda: person.graph.subscribers["/my/joy"](Joy(axes=axes, buttons=buttons)),
@@ -230,9 +221,6 @@ def test_a_terminal_is_needed_and_a_ctrl_c_ends(person, monkeypatch):
     assert status == 1 and "reads keys from a terminal: start it with rosrun" in told.err
 
 
-# -- teaching --------------------------------------------------------------------------------------
-
-
 @pytest.fixture
 def lesson(graph, life, shipped_arm, tmp_path):
     """Robot at its goal, its camera node, and the arguments of teaching."""
@@ -256,9 +244,9 @@ def lesson(graph, life, shipped_arm, tmp_path):
             graph.subscribers["/aras_visual_servo/joint_states"](message)
             found = ImageMoments(
                 valid=valid, reason="" if valid else "dark", order=6, m=seen.m_array,
-                mu=seen.mu_array, width=320, height=240, D=[0.0] * 5,
+                mu=seen.mu_array, width=320, height=240, D=[0.0] * 5, header=message.header,
                 K=[103.0, 0.0, 159.5, 0.0, 101.0, 119.5, 0.0, 0.0, 1.0],
-                distortion_model="plumb_bob", header=message.header)
+                distortion_model="plumb_bob")
             graph.subscribers["/aras_visual_servo/camera/moments"](found)
 
     it.look = look
@@ -281,8 +269,7 @@ def test_a_goal_is_written_as_the_command_line_says(lesson, monkeypatch, capsys)
     file = lesson.arguments.file
     lesson.life.steps = [lesson.look] * 31
     assert teach_goal.main([str(file)]) == 0
-    assert file.read_text().startswith(
-        f"# Taught from 30 images.\n# Made by: teach {file}\n")
+    assert file.read_text().startswith(f"# Taught from 30 images.\n# Made by: teach {file}\n")
     made = Goal.load(file)
     assert capsys.readouterr().out == (
         f"wrote {file}: depth {made.depth:.4f} m, area {made.moments.m00:.6f}\n")

@@ -1,12 +1,12 @@
-"""Modules of ros_control that scripts import: arguments, filters, finding managers."""
+"""Modules of ros_control that scripts import: filters, finding managers."""
 
 import importlib.util
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
-from controller_manager_msgs import srv
 from controller_manager_msgs.msg import ControllerState, HardwareInterfaceResources
+
+from aras_sim_bridge.ros.cli import controller_manager
 
 SOURCES = Path(__file__).parents[3] / "src"
 EFFORT, POSITION = (f"hardware_interface::{k}JointInterface" for k in ("Effort", "Position"))
@@ -31,6 +31,11 @@ def controller(name, kind="a/A", state="stopped", **claims):
         for key, joints in claims.items()])
 
 
+def test_functions_are_those_of_the_program():
+    for name in interface.__all__:
+        assert getattr(interface, name) is getattr(controller_manager, name)
+
+
 ARM = controller("arm", "effort_controllers/JointTrajectoryController", "running",
                  Effort=("j1", "j2"), Position=("j3",))
 HAND = controller("hand", "position_controllers/JointPositionController", Position=("j4",))
@@ -39,70 +44,6 @@ ALL = [ARM, HAND, STATES]
 SERVICES = {name: "controller_manager_msgs/" + name.title().replace("_", "") for name in (
     "list_controllers", "list_controller_types", "load_controller", "unload_controller",
     "switch_controller", "reload_controller_libraries")}
-
-
-@pytest.fixture
-def manager(graph, life):
-    """Services of a manager; `asked` lists the requests."""
-    made = SimpleNamespace(asked=[], ok=True, controllers=ALL)
-
-    def serve(name, kind):
-        def answer(request):
-            made.asked.append((name, *(getattr(request, field) for field in request.__slots__)))
-            given = {"ok": made.ok, "controller": made.controllers, "types": ["a/A", "b/B"],
-                     "base_classes": ["b", "b"]}
-            response = kind._response_class
-            return response(**{field: given[field] for field in response.__slots__})
-
-        utils.rospy.Service(f"/controller_manager/{name}", kind, answer)
-
-    for name, kind in (("load_controller", srv.LoadController),
-                       ("unload_controller", srv.UnloadController),
-                       ("switch_controller", srv.SwitchController),
-                       ("list_controllers", srv.ListControllers),
-                       ("list_controller_types", srv.ListControllerTypes),
-                       ("reload_controller_libraries", srv.ReloadControllerLibraries)):
-        serve(name, kind)
-    return made
-
-
-@pytest.mark.parametrize(("ask", "ok", "words"), [
-    (lambda: interface.load_controller("arm"), True, "Loaded 'arm'"),
-    (lambda: interface.load_controller("arm"), False, "Error when loading 'arm'"),
-    (lambda: interface.unload_controller("arm"), True, "Unloaded 'arm' successfully"),
-    (lambda: interface.unload_controller("arm"), False, "Error when unloading 'arm'"),
-    (lambda: interface.start_controller("arm"), True, "Started ['arm'] successfully"),
-    (lambda: interface.stop_controllers(["a", "b"]), True, "Stopped ['a', 'b'] successfully"),
-    (lambda: interface.stop_controller("arm"), False, "Error when stopping ['arm']"),
-    (interface.list_controller_types, True, "a/A\nb/B"),
-    (interface.list_controllers, True, f"'arm' - '{EFFORT}+{POSITION}' ( running )\n"
-     f"'hand' - '{POSITION}' ( stopped )\n'states' - '' ( running )"),
-    (lambda: interface.reload_libraries(True), True,
-     "Restore: False\nSuccessfully reloaded libraries"),
-    (lambda: interface.reload_libraries(False), False, "Restore: False\nFailed to reload "
-     "libraries. Do you still have controllers loaded?"),
-])
-def test_words_are_upstream_s(manager, capsys, ask, ok, words):
-    manager.ok = ok
-    assert ask() is ok
-    assert capsys.readouterr().out == words + "\n"
-
-
-def test_a_reload_restores_what_was_loaded_and_what_ran(manager, capsys):
-    assert interface.reload_libraries(True, restore=True)
-    assert manager.asked[1:] == [
-        ("reload_controller_libraries", True), ("load_controller", "arm"),
-        ("load_controller", "hand"), ("load_controller", "states"),
-        ("switch_controller", ["arm", "states"], [], 2, False, 0.0)]
-    out = capsys.readouterr().out
-    assert out.startswith("Restore: True\n")
-    assert out.endswith("Controllers restored to original state\n")
-
-
-def test_nothing_loaded_is_said(manager, capsys):
-    manager.controllers = []
-    interface.list_controllers()
-    assert capsys.readouterr().out == "No controllers are loaded in mechanism control\n"
 
 
 @pytest.mark.parametrize(("by", "asked", "more", "expected"), [
@@ -116,8 +57,7 @@ def test_nothing_loaded_is_said(manager, capsys):
     ("resources", ["j1", "j3"], {"hardware_interface": EFFORT}, []),
     ("resources", ["j1", "j4"], {}, []),
     ("resources", ["j1", "j4"], {"match_any": True}, [ARM, HAND]),
-    ("resources", ["j3", "j9"], {"hardware_interface": EFFORT, "match_any": True}, []),
-])  # fmt: skip
+    ("resources", ["j3", "j9"], {"hardware_interface": EFFORT, "match_any": True}, [])])
 def test_filters(by, asked, more, expected):
     assert getattr(utils, f"filter_by_{by}")(ALL, asked, **more) == expected
 
@@ -139,6 +79,10 @@ def test_managers_are_found_by_their_services(monkeypatch):
     assert utils.get_controller_managers("/left", ["/left/controller_manager", "/left/none"]) == [
         "/left/controller_manager"]
     assert utils.get_controller_managers("/left", ["/right/arm/controller_manager"]) == []
+    types.clear()
+    types.update({f"/{name}": kind for name, kind in SERVICES.items()})
+    assert utils.get_controller_managers() == ["/"]
+    assert utils.get_controller_managers("/robot") == []
 
     def nobody():
         raise utils.rosservice.ROSServiceIOException("no master")
@@ -160,14 +104,6 @@ def test_the_controllers_of_a_manager_are_listed(graph):
     graph.services["/left/controller_manager/list_controllers"] = gone
     assert lister() == []
     assert utils.ControllerLister().namespace == "/controller_manager"
-
-
-def test_a_manager_may_stand_at_the_root(monkeypatch):
-    types = {f"/{name}": kind for name, kind in SERVICES.items()}
-    monkeypatch.setattr(utils.rosservice, "get_service_list", lambda: list(types))
-    monkeypatch.setattr(utils.rosservice, "get_service_type", types.get)
-    assert utils.get_controller_managers() == ["/"]
-    assert utils.get_controller_managers("/robot") == []
 
 
 def test_a_controller_is_what_has_a_text_for_its_type(monkeypatch):

@@ -1,23 +1,12 @@
 """Controllers of a robot on the graph: services, topics, PIDs, action and emergency stop."""
 
-from __future__ import annotations
-
 import math
 from threading import Thread
 
 import pytest
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus
-from control_msgs.msg import (
-    FollowJointTrajectoryAction,
-    FollowJointTrajectoryGoal,
-    GripperCommand,
-    GripperCommandAction,
-    JointControllerState,
-    JointTolerance,
-    JointTrajectoryControllerState,
-    PidState,
-)
+from control_msgs import msg as control
 from dynamic_reconfigure.msg import BoolParameter, Config, DoubleParameter, StrParameter
 from genpy import Duration, Time
 from sensor_msgs.msg import JointState
@@ -59,8 +48,7 @@ def robot(e_stop: str) -> str:
         + joint("cart", "EffortJointInterface")
         + joint("slide", "PositionJointInterface")
         + '<gazebo><plugin name="control" filename="libgazebo_ros_control.so">'
-        f"<robotNamespace>/rig</robotNamespace>{e_stop}</plugin></gazebo></robot>"
-    )
+        f"<robotNamespace>/rig</robotNamespace>{e_stop}</plugin></gazebo></robot>")
 
 
 EFFORT = "effort_controllers/"
@@ -86,8 +74,7 @@ PARAMETERS = {
     "/rig/grip/joint": "cart",
     "/rig/grip/stall_timeout": 0.05,
     "/rig/grip/gains/cart/p": 300.0,
-    "/rig/grip/gains/cart/d": 40.0,
-}
+    "/rig/grip/gains/cart/d": 40.0}
 
 
 class Controllers:
@@ -97,11 +84,8 @@ class Controllers:
         self.graph, self.thread = graph, thread
         graph.parameters.update(PARAMETERS)
         description = parse_urdf(robot(e_stop))
-        thread.call(
-            lambda: thread.simulation.spawn(
-                description, "rig", namespace="/rig", parameters=graph.given("/rig")
-            )
-        )
+        thread.call(lambda: thread.simulation.spawn(
+            description, "rig", namespace="/rig", parameters=graph.given("/rig")))
         self.robot = thread.simulation.robots["rig"]
         self.record = RestartRecord(True)
         self.services = ManagerServices(self.robot, thread, self.record)
@@ -134,12 +118,10 @@ def test_services_tell_and_change_what_is_loaded(rig):
     assert [(c.name, c.state, c.type) for c in found] == [
         ("states", "running", "joint_state_controller/JointStateController"),
         ("push", "running", EFFORT + "JointEffortController"),
-        ("go", "initialized", EFFORT + "JointPositionController"),
-    ]
+        ("go", "initialized", EFFORT + "JointPositionController")]
     claims = found[1].claimed_resources
-    assert [(c.hardware_interface, c.resources) for c in claims] == [
-        ("hardware_interface::EffortJointInterface", ["cart"])
-    ]
+    assert [(c.hardware_interface, c.resources)
+            for c in claims] == [("hardware_interface::EffortJointInterface", ["cart"])]
     types = rig.call("list_controller_types")
     assert len(types.types) == len(types.base_classes) == 16
     assert types.base_classes[0] == "controller_interface::ControllerBase"
@@ -257,19 +239,21 @@ def test_states_are_told_to_those_who_listen(rig):
     (go, states) = rig.run("go", "states")
     assert go.on_state is None and states.on_state is None
     told = rig.graph.told()
-    assert [told[f"/rig/{name}"] for name in ("go/state", "go/pid/state", "joint_states")] == [
-        (JointControllerState, 1, False), (PidState, 1, False), (JointState, 4, False)]
+    for name, kind, queue in (("go/state", control.JointControllerState, 1),
+                              ("go/pid/state", control.PidState, 1),
+                              ("joint_states", JointState, 4)):
+        assert told[f"/rig/{name}"] == (kind, queue, False)
     (state,) = rig.graph.listen("/rig/go/state")
     (pid,) = rig.graph.listen("/rig/go/pid/state")
     (joints,) = rig.graph.listen("/rig/joint_states")
     rig.graph.send("/rig/go/command", Float64(0.5))
     rig.step(11)
-    now = heard(state, JointControllerState)
+    now = heard(state, control.JointControllerState)
     assert now[0].header.stamp.to_nsec() == 1_000_000
     assert (now[0].set_point, now[0].p, now[0].i, now[0].d, now[0].i_clamp) == (0.5, 20, 1, 4, 3)
     assert now[0].error == now[0].set_point - now[0].process_value
     assert now[1].process_value_dot > 0.0 and now[1].time_step == 0.001
-    pids = heard(pid, PidState)
+    pids = heard(pid, control.PidState)
     assert len(pids) == 11 and pids[0].timestep.to_nsec() == 1_000_000
     assert pids[0].header.stamp.to_nsec() == 0
     assert (pids[3].i_max, pids[3].i_min) == (3.0, -2.0)
@@ -316,8 +300,7 @@ def test_gains_are_told_and_changed_by_reconfigure(rig):
     answer = rig.graph.call("/rig/go/pid/set_parameters", config).config
     assert go.pids["pid"].gains == (7.0, 1.0, 1000.0, 3.0, -4.0, True)
     assert {d.name: d.value for d in answer.doubles} == {
-        "p": 7.0, "i": 1.0, "d": 1000.0, "i_clamp_max": 3.0, "i_clamp_min": -4.0
-    }
+        "p": 7.0, "i": 1.0, "d": 1000.0, "i_clamp_max": 3.0, "i_clamp_min": -4.0}
     assert [(b.name, b.value) for b in answer.bools] == [("antiwindup", True)]
     assert [(g.name, g.state, g.id, g.parent) for g in answer.groups] == [("Default", True, 0, 0)]
     assert rig.graph.parameters["/rig/go/pid/p"] == 7.0
@@ -342,8 +325,7 @@ def test_fields_of_gains_are_control_toolbox_s():
     assert {f.name: (f.type, f.default, f.minimum, f.maximum) for f in PID_FIELDS} == {
         "p": ("double", 10, -1e5, 1e5), "i": ("double", 0.1, -1e5, 1e5),
         "d": ("double", 1, -1000, 1000), "i_clamp_min": ("double", -10, -1e5, 0),
-        "i_clamp_max": ("double", 10, 0, 1e5), "antiwindup": ("bool", False, False, True),
-    }
+        "i_clamp_max": ("double", 10, 0, 1e5), "antiwindup": ("bool", False, False, True)}
 
 
 def test_a_controller_that_is_started_while_time_stands_holds_its_joint_where_it_is(rig):
@@ -357,7 +339,7 @@ def test_a_controller_that_is_started_while_time_stands_holds_its_joint_where_it
     k = rig.robot.model.joint_names.index("cart")
     (state,) = rig.graph.listen("/rig/go/state")
     rig.step(11)
-    found = heard(state, JointControllerState)[0].set_point
+    found = heard(state, control.JointControllerState)[0].set_point
     assert found == pytest.approx(positions[k], abs=1e-9) and velocities[k] > 0.1
 
 
@@ -370,8 +352,7 @@ def test_gains_of_joints_are_on_the_graph_with_the_robot(rig):
 
 
 @pytest.mark.parametrize(("given", "topic"), [
-    ("<eStopTopic>stop</eStopTopic>", "/rig/stop"), ("<eStopTopic>/stop</eStopTopic>", "/stop"),
-])
+    ("<eStopTopic>stop</eStopTopic>", "/rig/stop"), ("<eStopTopic>/stop</eStopTopic>", "/stop")])
 def test_the_emergency_stop_is_where_the_plugin_says(graph, thread, given, topic):
     rig = Controllers(graph, thread, given)
     rig.graph.send(topic, Bool(True))
@@ -415,8 +396,7 @@ def test_a_trajectory_is_read_as_it_is():
 def test_a_trajectory_s_state_is_written_as_it_is():
     points = [StatePoint([k], [k + 1.0], [k + 2.0], k + 0.5) for k in (1.0, 5.0, 9.0)]
     message = fill_state(
-        JointTrajectoryControllerState(), TrajectoryControllerState(7, ("a",), *points)
-    )
+        control.JointTrajectoryControllerState(), TrajectoryControllerState(7, ("a",), *points))
     assert (message.header.stamp.to_nsec(), message.joint_names) == (7, ["a"])
     for found, wanted in zip((message.desired, message.actual, message.error), points, strict=True):
         assert found.positions == wanted.positions and found.velocities == wanted.velocities
@@ -459,7 +439,8 @@ class ActionClient:
 def follow(rig):
     rig.run("follow")
     rig.step()
-    return ActionClient(rig, "/rig/follow/follow_joint_trajectory", FollowJointTrajectoryAction)
+    return ActionClient(rig, "/rig/follow/follow_joint_trajectory",
+                        control.FollowJointTrajectoryAction)
 
 
 def test_a_goal_is_followed_to_its_end(follow):
@@ -496,9 +477,10 @@ def test_actions_bear_stamps_of_simulated_time(follow, monkeypatch):
 
 
 def test_a_goal_is_read_in_every_field(rig):
-    message = FollowJointTrajectoryGoal(
-        trajectory=TRAJECTORY, path_tolerance=[JointTolerance("a", 1.0, 2.0, 3.0)],
-        goal_tolerance=[JointTolerance("b", 4.0, 5.0, 6.0), JointTolerance("c", 7.0, 8.0, 9.0)],
+    tolerance = control.JointTolerance
+    message = control.FollowJointTrajectoryGoal(
+        trajectory=TRAJECTORY, path_tolerance=[tolerance("a", 1.0, 2.0, 3.0)],
+        goal_tolerance=[tolerance("b", 4.0, 5.0, 6.0), tolerance("c", 7.0, 8.0, 9.0)],
         goal_time_tolerance=Duration(1, 500_000_000))
     action = TrajectoryActionServer(rig.run("follow")[0], "/other", rig.thread)
     assert action.make_goal(message) == TrajectoryGoal(
@@ -522,7 +504,7 @@ def test_goals_are_refused_cancelled_and_fail(follow):
     step(10)
     status, _, text = follow.result("a")
     assert (status, text) == (GoalStatus.PREEMPTED, "cancelled")
-    too_strict = [JointTolerance("slide", 1e-9, 0, 0)]
+    too_strict = [control.JointTolerance("slide", 1e-9, 0, 0)]
     follow.send("b", trajectory=TRAJECTORY, path_tolerance=too_strict)
     step(200)
     follow.send("c", trajectory=TRAJECTORY, goal_tolerance=too_strict)
@@ -536,19 +518,19 @@ def test_a_gripper_says_where_it_got_to_and_what_holds_it_up(rig):
     simulation = rig.thread.simulation
     rig.thread.call(lambda: simulation.set_joint_positions("rig", {"cart": 4.5}))
     rig.run("grip")
-    gripper = ActionClient(rig, "/rig/grip/gripper_cmd", GripperCommandAction)
-    gripper.send("there", command=GripperCommand(4.7, 50.0))
+    gripper = ActionClient(rig, "/rig/grip/gripper_cmd", control.GripperCommandAction)
+    gripper.send("there", command=control.GripperCommand(4.7, 50.0))
     rig.step(1500)
     status, result, text = gripper.result("there")
     assert (status, text) == (GoalStatus.SUCCEEDED, "")
     assert result.position == pytest.approx(4.7, abs=0.01)
     assert result.reached_goal and not result.stalled
-    gripper.send("held", command=GripperCommand(6.0, 30.0))  # beyond its stop at 5 m
+    gripper.send("held", command=control.GripperCommand(6.0, 30.0))  # beyond its stop at 5 m
     rig.step(1000)
     status, result, _ = gripper.result("held")
     assert status == GoalStatus.ABORTED and result.stalled and not result.reached_goal
     assert result.position == pytest.approx(5.0, abs=1e-3) and result.effort == 30.0
-    gripper.send("wrong", command=GripperCommand(float("nan"), 1.0))
+    gripper.send("wrong", command=control.GripperCommand(float("nan"), 1.0))
     rig.step(2)
     status, _, text = gripper.result("wrong")
     assert status == GoalStatus.REJECTED and "not finite" in text

@@ -1,7 +1,5 @@
 """Description of a run in a bag: it is read as far as possible; a note describes the rest."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -29,17 +27,12 @@ def of(loop=None, simulator=None, **more):
     ("[]", "there are no parameters of the"), ("{}", "there are no parameters of the"),
     ('{"parameters": {}, "goals": []}', "the entry 'goals' is not a mapping"),
     ('{"parameters": {}, "versions": []}', "the entry 'versions' is not a mapping"),
-    ('{"parameters": {}, "launch": {}}', "the entry 'launch' is not a list"),
-])
+    ('{"parameters": {}, "launch": {}}', "the entry 'launch' is not a list")])
 def test_a_description_that_is_none_is_a_note(text, why):
     found = RecordedExperiment.from_text(text)
     assert len(found.notes) == 1 and why in found.notes[0]
     assert found.settings is found.arm is found.goal is None and found.make_yaml() == ""
-    assert [len(one) for one in found.read_limits()] == [
-        0,
-        0,
-        0,
-    ] and found.describe_settings() == {}
+    assert [len(one) for one in found.read_limits()] == 3 * [0] and found.describe_settings() == {}
     with pytest.raises(BenchError, match=why):
         found.make_experiment()
     assert len(found.notes) == 1
@@ -64,8 +57,7 @@ def test_what_the_loop_was_set_to_is_read():
     endless.content["parameters"]["robot_description"] = unlimited.replace("revolute", "continuous")
     assert [len(one) for one in endless.read_limits()] == [0, 0, 0]
     assert endless.notes[0].startswith(
-        "the recorded limits cannot be used: elbow has no speed limit"
-    )
+        "the recorded limits cannot be used: elbow has no speed limit")
     wrong = of({"gain": "high"})
     assert wrong.settings is None and wrong.arm is None and wrong.goal is None
     assert len(wrong.notes) == 1 and "the recorded parameters cannot be used: " in wrong.notes[0]
@@ -98,8 +90,7 @@ def test_a_run_s_experiment_says_what_differs():
     launch = [["p", "a.launch", "camera:=noisy", "camera_xyz:=0 0.1 0"],
               ["p", "b.launch", "camera:=wide", "joint_friction:=False", "camera_rpy:="]]
     found = of({"law": "pi", "gain": 2.5, "start": "0.1 0 0.2 0 0 0.3", "desired": "2015",
-                "duration": 4, "listeners": 2, "stop_time": 0.3},
-               {"seed": 7}, launch=launch)
+                "duration": 4, "listeners": 2, "stop_time": 0.3}, {"seed": 7}, launch=launch)
     assert found.arguments == {"camera": "wide", "camera_xyz": "0 0.1 0", "camera_rpy": "",
                                "joint_friction": "False"}
     wanted = {"scheme": "points", "law": "pi", "gain": 2.5, "start": [0.1, 0.0, 0.2, 0.0, 0.0, 0.3],
@@ -127,7 +118,8 @@ def test_a_run_s_experiment_says_what_differs():
 
 
 def test_the_files_of_a_run():
-    found = of(goals={"mine.yaml": "a: 1", "../evil.yaml": "", "x/y.yaml": "", "b.txt": ""},
+    hostile = ("../evil.yaml", "x/y.yaml", "/x.yaml", "..", "\n.yaml", ".bashrc", "b.txt")
+    found = of(goals={"mine.yaml": "a: 1", **dict.fromkeys(hostile, "")},
                launch=[["p", "a.launch", "x:=1"], ["q"]], versions={"numpy": "2.1", "ros": "1"})
     files = found.collect_files()
     assert set(files) == {"mine.yaml", "parameters.yaml", "robot.urdf", "launch.txt",
@@ -136,4 +128,4 @@ def test_the_files_of_a_run():
     assert files["versions.txt"] == "numpy 2.1\nros 1\n" and files["robot.urdf"] == ARM
     assert yaml.safe_load(files["parameters.yaml"]) == found.content["parameters"]
     assert found.notes == [f"the goal {name!r} is omitted: it is not a file name"
-                           for name in ("../evil.yaml", "x/y.yaml", "b.txt")]
+                           for name in hostile]

@@ -1,7 +1,5 @@
 """When simulated time waits for answers, on a wall clock that the test sets."""
 
-from __future__ import annotations
-
 import contextlib
 import socket
 import time
@@ -56,27 +54,18 @@ def until(condition) -> None:
 
 def test_a_round_is_over_when_the_last_topic_was_heard(made):
     gate = made("a", "b")
-    assert not gate.is_closed
+    for topic in ("/a", "/b"):  # what came before a round does not count
+        gate.note_message(topic)
+    for step in range(100):  # without a period steps begin no round
+        gate.after_step(step * MS)
+    assert not gate.is_closed and made.woken == []
     gate.before_frame()
-    assert gate.is_closed
-    assert gate.compute_remaining() == 5.0
-    gate.note_message("/a")
-    gate.note_message("/a")
-    gate.note_message("/c")
-    assert gate.is_closed
-    assert made.woken == []
+    assert gate.is_closed and gate.compute_remaining() == 5.0
+    for topic in ("/a", "/a", "/c"):
+        gate.note_message(topic)
+    assert gate.is_closed and made.woken == []
     gate.note_message("/b")
-    assert not gate.is_closed
-    assert gate.compute_remaining() is None
-    assert made.woken == [1]
-
-
-def test_what_came_before_a_round_does_not_count(made):
-    gate = made("a")
-    gate.note_message("/a")
-    assert made.woken == []
-    gate.before_frame()
-    assert gate.is_closed
+    assert not gate.is_closed and gate.compute_remaining() is None and made.woken == [1]
     gate.note_message("/a")
     gate.before_frame()
     assert gate.is_closed
@@ -166,8 +155,7 @@ def test_a_listener_that_takes_nothing_is_named_once_and_given_up(made, graph):
 @pytest.mark.parametrize(("answer", "told"), [
     ([["/a", ["/z", "/x"]], ["/b", ["/y"]]], "/a (published by /x, /z)"),
     ([["/b", ["/y"]]], "/a (no publisher)"), (OSError("gone"), "/a (no publisher)"),
-    (rosgraph.MasterException("no"), "/a (no publisher)"),
-])
+    (rosgraph.MasterException("no"), "/a (no publisher)")])
 def test_who_should_publish_is_named(made, graph, answer, told):
     graph.published = answer
     gate = made("a")
@@ -181,34 +169,16 @@ def test_who_should_publish_is_named(made, graph, answer, told):
 def test_rounds_may_go_by_periods_instead_of_frames(made):
     gate = made("a", period=0.01)
     gate.before_frame()
-    assert not gate.is_closed
-    gate.after_step(9 * MS)
-    assert not gate.is_closed
-    gate.after_step(10 * MS)
-    assert gate.is_closed
-    gate.note_message("/a")
-    gate.after_step(19 * MS)
-    assert not gate.is_closed
-    gate.after_step(23 * MS)  # a step that goes beyond begins one round, at the multiple
-    assert gate.is_closed
-    gate.note_message("/a")
-    gate.after_step(29 * MS)
-    assert not gate.is_closed
-    gate.after_step(30 * MS)
-    assert gate.is_closed
-
-
-def test_without_a_period_steps_begin_no_round(made):
-    gate = made("a")
-    for step in range(100):
-        gate.after_step(step * MS)
-    assert not gate.is_closed
-
-
-def test_a_reset_of_time_ends_the_round_and_begins_the_periods_anew(made):
-    gate = made("a", period=0.01)
+    # A step that goes beyond begins one round, at the multiple.
+    for last, first in ((9, 10), (19, 23), (29, 30)):
+        assert not gate.is_closed
+        gate.after_step(last * MS)
+        assert not gate.is_closed
+        gate.after_step(first * MS)
+        assert gate.is_closed
+        gate.note_message("/a")
     gate.after_step(500 * MS)
-    gate.end_round()
+    gate.end_round()  # by a reset of time
     assert not gate.is_closed
     gate.after_step(10 * MS)
     assert gate.is_closed
@@ -220,9 +190,7 @@ def test_a_reset_of_time_ends_the_round_and_begins_the_periods_anew(made):
         (((), 5.0, 0.0), "lockstep_topics is empty"),
         ((("a",), 0.0, 0.0), "lockstep_timeout is 0; set a time above 0 s"),
         ((("a",), -1.0, 0.0), "lockstep_timeout is -1"),
-        ((("a",), 5.0, -0.1), "lockstep_period is -0.1"),
-    ],
-)
+        ((("a",), 5.0, -0.1), "lockstep_period is -0.1")])
 def test_what_cannot_be_is_refused_with_the_remedy(graph, arguments, remedy):
     topics, timeout, period = arguments
     with pytest.raises(SimError, match=remedy):

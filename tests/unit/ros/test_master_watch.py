@@ -40,36 +40,22 @@ def test_a_master_that_answers_is_asked_no_more_often_than_said(wall, said):
     assert Master.watched.asked == 5
 
 
-def test_one_missed_answer_is_no_loss_two_are(wall):
+@pytest.mark.parametrize(("answers", "why"), [
+    ([(7, 2.1), (None, 0.6), (None, 0.0)], "does not answer any more"),  # it is asked again soon
+    ([(7, 2.1), (None, 2.1), (7, 2.1), (None, 2.1), (7, 2.1)], ""),
+    ([(7, 2.1), (8, 0.0)], "was restarted")])
+def test_two_missed_answers_or_another_master_are_a_loss(wall, answers, why):
     watch = MasterWatch("/node", period=2.0)
-    assert watch.find_loss_reason() == ""
-    Master.watched.pid = None
-    wall[0] += 2.1
-    assert watch.find_loss_reason() == ""
-    wall[0] += 0.6  # asked again soon
-    assert "does not answer any more" in watch.find_loss_reason()
-
-
-def test_an_answer_between_forgives(wall):
-    watch = MasterWatch("/node", period=2.0)
-    for pid in (7, None, 7, None, 7):
-        Master.watched.pid = pid
-        assert watch.find_loss_reason() == ""
-        wall[0] += 2.1
-
-
-def test_another_master_at_the_same_place_is_noticed(wall):
-    watch = MasterWatch("/node", period=2.0)
-    assert watch.find_loss_reason() == ""
-    Master.watched.pid = 8
-    wall[0] += 2.1
-    assert "was restarted" in watch.find_loss_reason()
+    found = []
+    for Master.watched.pid, wait in answers:
+        found.append(watch.find_loss_reason())
+        wall[0] += wait
+    assert not any(found[:-1]) and why in found[-1] and bool(found[-1]) is bool(why)
 
 
 def test_a_loss_is_told_once(wall, monkeypatch):
     monkeypatch.setattr(
-        master_watch.time, "sleep", lambda seconds: wall.__setitem__(0, wall[0] + seconds)
-    )
+        master_watch.time, "sleep", lambda seconds: wall.__setitem__(0, wall[0] + seconds))
     told, lost, thread = [], threading.Event(), threading.current_thread
     watch = MasterWatch("/node", period=2.0)
     assert watch.find_loss_reason() == ""

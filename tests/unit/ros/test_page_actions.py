@@ -1,7 +1,5 @@
 """Commands of the live page: services, restarted nodes, replaced robot and target."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -139,9 +137,8 @@ def test_the_loop_and_the_simulation_are_asked_by_their_services(asked):
     words = {"pause_physics": "simulation paused", "unpause_physics": "simulation resumed",
              "reset_simulation": "simulation reset to time 0"}
     for name, said in words.items():
-        with pytest.raises(
-            RefusedRequestError, match=rf"^/gazebo/{name} does not answer \(is the simul"
-        ):
+        with pytest.raises(RefusedRequestError,
+                           match=rf"^/gazebo/{name} does not answer \(is the simul"):
             actions.control_clock(name)
         asked.serve(f"/gazebo/{name}", Empty)
         assert actions.control_clock(name) == said
@@ -158,9 +155,8 @@ def test_the_loop_and_the_simulation_are_asked_by_their_services(asked):
         with pytest.raises(RefusedRequestError, match="hold does not answer"):
             actions.control_loop("hold")
     for ask in (lambda: actions.control_loop("stop"), lambda: actions.set_gain("gain", 1.0)):
-        with pytest.raises(
-            RefusedRequestError, match=r"answer \(is the controller node running\?\)$"
-        ):
+        with pytest.raises(RefusedRequestError,
+                           match=r"answer \(is the controller node running\?\)$"):
             ask()
     after = Config(doubles=[DoubleParameter("gain", 2.53217), DoubleParameter("slope", 9.0)])
     asked.serve(f"{NODE}/gains/set_parameters", Reconfigure, config=after)
@@ -229,9 +225,7 @@ def test_whether_a_controller_is_there(asked, monkeypatch):
             asked.actions.restart_nodes("points", "pi", "2015", "auto")
 
 
-def test_a_goal_is_moved_in_the_camera_s_frame_each_time_from_where_it_was(
-    asked, shipped_arm
-):
+def test_a_goal_is_moved_in_the_camera_s_frame_each_time_from_where_it_was(asked, shipped_arm):
     arm = shipped_arm
     use_arm(asked, arm)
     asked.graph.parameters |= {f"{NODE}/law": "pi", f"{NODE}/scheme": "points",
@@ -304,8 +298,7 @@ def test_a_robot_gets_another_camera_and_its_controllers_again(asked):
         (f"{MANAGER}/list_controllers",), ("/gazebo/delete_model", "robo"),
         ("/gazebo/spawn_urdf_model", "robo", "<robot/>", "", Pose(), ""),
         (f"{MANAGER}/load_controller", "arm"), (f"{MANAGER}/load_controller", "hand"),
-        (f"{MANAGER}/switch_controller", ["arm"], [], 2, False, 0.0),
-    ]
+        (f"{MANAGER}/switch_controller", ["arm"], [], 2, False, 0.0)]
     made = asked.graph.parameters[CAMERA]
     assert made["camera_matrix"]["fx"] == 110.0 and "noise" not in made
     assert asked.actions.selection["camera"] == "wide"
@@ -318,14 +311,12 @@ def test_a_robot_gets_another_camera_and_its_controllers_again(asked):
         asked.actions.change_camera("fisheye")
     assert asked.actions.selection["camera"] == "wide"
     asked.graph.services.pop("/gazebo/delete_model")
-    with pytest.raises(
-        RefusedRequestError, match="^/gazebo/delete_model does not answer: timeout exc"
-    ):
+    with pytest.raises(RefusedRequestError,
+                       match="^/gazebo/delete_model does not answer: timeout exc"):
         asked.actions.change_camera("fisheye")
     asked.graph.services.pop(f"{MANAGER}/list_controllers")
-    with pytest.raises(
-        RefusedRequestError, match=r"answer \(are the robot's controllers loaded\?\)$"
-    ):
+    with pytest.raises(RefusedRequestError,
+                       match=r"answer \(are the robot's controllers loaded\?\)$"):
         asked.actions.change_camera("fisheye")
 
 

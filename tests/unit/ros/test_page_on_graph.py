@@ -1,7 +1,5 @@
 """Node of the live page and rviz markers on a graph: input, drawing, commands and output."""
 
-from __future__ import annotations
-
 import sys
 import threading
 from types import SimpleNamespace
@@ -22,23 +20,12 @@ from visualization_msgs.msg import Marker
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import RefusedRequestError
 from aras_visual_servo_bench.ros import dashboard, teleoperator
+from aras_visual_servo_bench.ros import live_image_subscriber as live
 from aras_visual_servo_bench.ros import rviz_markers as markers
 from aras_visual_servo_bench.ros import target_drawing_updater as target_watch
 from aras_visual_servo_bench.ros.graph_listener import GraphListener, make_listener_settings
-from aras_visual_servo_bench.ros.live_image_subscriber import (
-    OVERLAY_NOTE,
-    PLAIN_NOTE,
-    LiveImageSubscriber,
-)
 from aras_visual_servo_bench.ros.target_pose_reader import TargetPoseReader, has_moved
-from aras_visual_servo_bench.visualization.drawing_shapes import (
-    ARROW,
-    FACES,
-    LINES,
-    STRIP,
-    TEXT,
-    DrawingShape,
-)
+from aras_visual_servo_bench.visualization import drawing_shapes as shapes
 from aras_visual_servo_bench.visualization.run_drawing import RunDrawing
 from aras_visual_servo_bench.web.live.page_requests import PageRequest
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError
@@ -60,14 +47,11 @@ def listener(graph, life):
     return it
 
 
-# -- pictures --------------------------------------------------------------------------------------
-
-
 def test_pictures_are_heard_while_somebody_looks(graph):
     overlay, plain = "/two/camera/overlay", "/eye/camera/image_raw"
-    pictures = LiveImageSubscriber("/two", "/eye/camera")
+    pictures = live.LiveImageSubscriber("/two", "/eye/camera")
     pictures.choose_topic()
-    assert not graph.subscribers and pictures.note == PLAIN_NOTE
+    assert not graph.subscribers and pictures.note == live.PLAIN_NOTE
     pictures.set_viewer_count(2)
     assert set(graph.subscribers) == {overlay}
     pictures.choose_topic()  # no camera node
@@ -75,7 +59,7 @@ def test_pictures_are_heard_while_somebody_looks(graph):
     assert pictures.note == f"no image: no node publishes {overlay} or {plain}"
     graph.sources[plain] = 1
     pictures.choose_topic()
-    assert pictures.note == PLAIN_NOTE
+    assert pictures.note == live.PLAIN_NOTE
     plain_heard = graph.subscribers[plain]
     pictures.set_viewer_count(1)
     pictures.choose_topic()
@@ -96,16 +80,13 @@ def test_pictures_are_heard_while_somebody_looks(graph):
     assert pictures.take_jpeg() is None
     graph.sources[overlay] = 1
     pictures.choose_topic()
-    assert set(graph.subscribers) == {overlay} and pictures.note == OVERLAY_NOTE
+    assert set(graph.subscribers) == {overlay} and pictures.note == live.OVERLAY_NOTE
     graph.subscribers[overlay](message)
     pictures.set_viewer_count(0)
     assert not graph.subscribers and pictures.take_jpeg() is None
     pictures.set_viewer_count(0)
     pictures.choose_topic()
     assert not graph.subscribers
-
-
-# -- the target ------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -153,10 +134,8 @@ def test_a_model_has_moved_when_one_of_its_numbers_has():
 
 
 def test_the_target_is_drawn_where_it_lies_twice_a_second(graph, life, world):
-    story, watch = (
-        RunDrawing(Arm.from_urdf(ARM, "camera_optical_frame")),
-        target_watch.TargetDrawingUpdater(),
-    )
+    story, watch = (RunDrawing(Arm.from_urdf(ARM, "camera_optical_frame")),
+                    target_watch.TargetDrawingUpdater())
     graph.parameters["/target_description"] = SQUARE
     watch.update(story, "two")
     edges, *faces = story.target
@@ -202,31 +181,29 @@ def test_the_target_is_drawn_where_it_lies_twice_a_second(graph, life, world):
     assert [len(shape.points) for shape in story.target] == [0]
 
 
-# -- markers ---------------------------------------------------------------------------------------
-
-
 def test_each_kind_of_shape_is_a_marker():
     points = np.array([(0.1, 0.2, 0.3), (0.4, 0.5, 0.6), (0.7, 0.8, 0.9)])
     colour = (0.1, 0.3, 0.5, 0.7)
 
     def made(kind, width=0.02, points=points, text=""):
-        return markers.make_marker(DrawingShape("it", kind, points, colour, width, text), "base")
+        shape = shapes.DrawingShape("it", kind, points, colour, width, text)
+        return markers.make_marker(shape, "base")
 
-    for kind, number, scale in (
-        (LINES, Marker.LINE_LIST, (0.02, 0, 0)), (STRIP, Marker.LINE_STRIP, (0.02, 0, 0)),
-        (FACES, Marker.TRIANGLE_LIST, (1, 1, 1)), (ARROW, Marker.ARROW, (0.02, 0.044, 0.06)),
-    ):
+    for kind, number, scale in ((shapes.LINES, Marker.LINE_LIST, (0.02, 0, 0)),
+                                (shapes.STRIP, Marker.LINE_STRIP, (0.02, 0, 0)),
+                                (shapes.FACES, Marker.TRIANGLE_LIST, (1, 1, 1)),
+                                (shapes.ARROW, Marker.ARROW, (0.02, 0.044, 0.06))):
         marker = made(kind)
         assert (marker.ns, marker.type, marker.action) == ("it", number, Marker.ADD)
         assert marker.header.frame_id == "base" and marker.header.stamp == rospy.Time()
         assert marker.color == ColorRGBA(*colour) and marker.pose.orientation.w == 1.0
         assert (marker.scale.x, marker.scale.y, marker.scale.z) == pytest.approx(scale)
         assert marker.points == [Point(*row) for row in points.tolist()]
-    text = made(TEXT, text="words")
+    text = made(shapes.TEXT, text="words")
     assert (text.type, text.text, text.scale.z) == (Marker.TEXT_VIEW_FACING, "words", 0.02)
     assert text.pose.position == Point(0.1, 0.2, 0.3) and not text.points and text.scale.x == 0.0
     assert text.color == ColorRGBA(*colour)
-    gone = made(LINES, points=np.zeros((0, 3)))
+    gone = made(shapes.LINES, points=np.zeros((0, 3)))
     assert gone.action == Marker.DELETE and not gone.points
 
 
@@ -260,9 +237,6 @@ def test_markers_are_published_for_who_looks_and_taken_away_again(graph, life, w
     names = [(one.ns, one.action) for one in after.markers if one.ns.startswith("target")]
     assert names == [("target", Marker.DELETE), ("target face 0", Marker.DELETE)]
     assert after.markers[0].header.frame_id == "base"
-
-
-# -- driving ---------------------------------------------------------------------------------------
 
 
 class Wake:
@@ -351,9 +325,8 @@ def test_another_robot_is_driven_by_topics_of_its_own(graph, life, listener, dri
     driven.move_joint("wrist", 0.5)
     assert first.impl is None and driven.run(0.1) != []
     listener.positions = None
-    with pytest.raises(
-        RefusedRequestError, match="^no joint states are received: is the robot running"
-    ):
+    with pytest.raises(RefusedRequestError,
+                       match="^no joint states are received: is the robot running"):
         driven.move_joint("wrist", 0.5)
     listener.run_trace = None
     with pytest.raises(RefusedRequestError, match="^no joint states are received"):
@@ -369,9 +342,6 @@ def test_joints_without_a_controller_are_not_driven(graph, life, monkeypatch):
     it.positions = position(1.0)
     with pytest.raises(RefusedRequestError, match="slide"):
         teleoperator.Teleoperator(it, it.settings).move_joint("slide", 1.0)
-
-
-# -- the page's node -------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -394,9 +364,7 @@ def test_a_request_reaches_the_loop_or_says_why_not(host, name):
 def test_nothing_is_recorded_where_no_simulator_answers(host, listener, tmp_path):
     """The recorder waited for a time, and the page had no answer."""
     listener.run_trace.factor = None
-    with pytest.raises(
-        RefusedRequestError, match="^/gazebo/get_world_properties does not answer"
-    ):
+    with pytest.raises(RefusedRequestError, match="^/gazebo/get_world_properties does not answer"):
         host.execute(PageRequest("record", {}))
     assert not (tmp_path / "bags").exists()
 
@@ -404,14 +372,12 @@ def test_nothing_is_recorded_where_no_simulator_answers(host, listener, tmp_path
 def test_teaching_is_refused_where_nothing_would_be_seen(host, listener):
     teach = PageRequest("teach", {"name": "mine"})
     listener.run_trace.factor = None
-    with pytest.raises(
-        RefusedRequestError, match="^the simulation is paused, so there are no images"
-    ):
+    with pytest.raises(RefusedRequestError,
+                       match="^the simulation is paused, so there are no images"):
         host.execute(teach)
     listener.run_trace.factor, listener.no_target_reason = 1.0, "dark"
-    with pytest.raises(
-        RefusedRequestError, match=r"target is not detected \(dark\): bring it into"
-    ):
+    with pytest.raises(RefusedRequestError,
+                       match=r"target is not detected \(dark\): bring it into"):
         host.execute(teach)
     listener.run_trace = None
     with pytest.raises(RefusedRequestError, match="^the simulation is paused"):

@@ -1,7 +1,5 @@
 """Topics of motion and force sensors: every message field, names and frames."""
 
-from __future__ import annotations
-
 import sys
 
 import genpy.message
@@ -10,17 +8,7 @@ import pytest
 import roslib.message
 from gazebo_msgs.msg import ContactsState, ContactState
 from genpy import Time
-from geometry_msgs.msg import (
-    Point,
-    Pose,
-    PoseWithCovariance,
-    Quaternion,
-    Twist,
-    TwistWithCovariance,
-    Vector3,
-    Wrench,
-    WrenchStamped,
-)
+from geometry_msgs import msg as geo
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Header
@@ -61,45 +49,43 @@ def touch(k: float) -> sensors.ContactPoint:
         (k + 3, k + 4, k + 5),
         k + 6,
         (k + 7, k + 8, k + 9),
-        (k + 10, 2 * k, 3 * k),
-    )
+        (k + 10, 2 * k, 3 * k))
 
 
-def wrench(*numbers: float) -> Wrench:
-    return Wrench(Vector3(*numbers[:3]), Vector3(*numbers[3:]))
+def wrench(*numbers: float) -> geo.Wrench:
+    return geo.Wrench(geo.Vector3(*numbers[:3]), geo.Vector3(*numbers[3:]))
 
 
 TOUCHES = {("a::b::c", "d::e::f"): [touch(1.0), touch(20.0)], ("a::g::h", "i::j::k"): [touch(7.0)]}
 INFO = "Debug:  i:({}/2)     my geom:{}   other geom:{}         time:3.000000004\n"
 IMU_READING = sensors.ImuReading(STAMP, TURN, (1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
-IMU = Imu(HEAD, Quaternion(*TURN), diagonal(3, 0.25), Vector3(1, 2, 3), diagonal(3, 0.25),
-          Vector3(4, 5, 6), diagonal(3, 0.25))
+xyz = geo.Vector3
+IMU = Imu(HEAD, geo.Quaternion(*TURN), diagonal(3, 0.25), xyz(1, 2, 3), diagonal(3, 0.25),
+          xyz(4, 5, 6), diagonal(3, 0.25))
 
 
 @pytest.mark.parametrize(("kind", "reading", "message"), [
     ("pose", sensors.PoseReading(STAMP, poses.Pose((1.0, 2.0, 3.0), TURN),
                                  poses.Twist((4.0, 5.0, 6.0), (7.0, 8.0, 9.0))),
      Odometry(HEAD, "hand",
-              PoseWithCovariance(Pose(Point(1, 2, 3), Quaternion(*TURN)), diagonal(6, 0.25)),
-              TwistWithCovariance(Twist(Vector3(4, 5, 6), Vector3(7, 8, 9)), diagonal(6, 0.25)))),
-    ("imu", IMU_READING, IMU),
-    ("body_imu", IMU_READING, IMU),
+              geo.PoseWithCovariance(geo.Pose(geo.Point(1, 2, 3), geo.Quaternion(*TURN)),
+                                     diagonal(6, 0.25)),
+              geo.TwistWithCovariance(geo.Twist(xyz(4, 5, 6), xyz(7, 8, 9)), diagonal(6, 0.25)))),
+    ("imu", IMU_READING, IMU), ("body_imu", IMU_READING, IMU),
     ("wrench", sensors.WrenchReading(STAMP, (1.0, 2.0, 3.0), (4.0, 5.0, 6.0)),
-     WrenchStamped(HEAD, wrench(1, 2, 3, 4, 5, 6))),
+     geo.WrenchStamped(HEAD, wrench(1, 2, 3, 4, 5, 6))),
     ("joint_states", sensors.JointStateReading(STAMP, ("j", "k"), (1.0, 2.0), (3.0, 4.0)),
      JointState(HEAD, ["j", "k"], [1.0, 2.0], [3.0, 4.0], [])),
     ("contact", sensors.ContactReading(STAMP, TOUCHES), ContactsState(HEAD, [
         ContactState(
             INFO.format(0, "a::b::c", "d::e::f"), "a::b::c", "d::e::f",
             [wrench(8, 9, 10, 11, 2, 3), wrench(27, 28, 29, 30, 40, 60)],
-            wrench(35, 37, 39, 41, 42, 63), [Vector3(1, 2, 3), Vector3(20, 21, 22)],
-            [Vector3(4, 5, 6), Vector3(23, 24, 25)], [7, 26]),
+            wrench(35, 37, 39, 41, 42, 63), [xyz(1, 2, 3), xyz(20, 21, 22)],
+            [xyz(4, 5, 6), xyz(23, 24, 25)], [7, 26]),
         ContactState(
             INFO.format(1, "a::g::h", "i::j::k"), "a::g::h", "i::j::k",
-            [wrench(14, 15, 16, 17, 14, 21)], wrench(14, 15, 16, 17, 14, 21), [Vector3(7, 8, 9)],
-            [Vector3(10, 11, 12)], [13]),
-    ])),
-])
+            [wrench(14, 15, 16, 17, 14, 21)], wrench(14, 15, 16, 17, 14, 21), [xyz(7, 8, 9)],
+            [xyz(10, 11, 12)], [13])]))])
 def test_a_reading_is_told_in_every_field_while_somebody_listens(
     graph, thread, sensor, kind, reading, message
 ):
@@ -128,8 +114,7 @@ def test_a_reading_is_told_in_every_field_while_somebody_listens(
     ({"topic": "/imu", "namespace": "a"}, "/imu", "x/hand"),
     ({"wrench_frame": "parent"}, "/t", "arm"),
     ({"wrench_frame": "sensor"}, "/t", "hand"),
-    ({"wrench_frame": "parent", "frame": "lens"}, "/t", "lens"),
-])
+    ({"wrench_frame": "parent", "frame": "lens"}, "/t", "lens")])
 def test_names_and_frames(graph, thread, sensor, given, topic, frame):
     graph.parameters["/a/tf_prefix"] = "x"
     one = sensor("wrench", **given)
@@ -137,7 +122,7 @@ def test_names_and_frames(graph, thread, sensor, given, topic, frame):
     (listener,) = graph.listen(topic)
     thread.call(lambda: None)
     one.on_state(sensors.WrenchReading(1, (0.0,) * 3, (0.0,) * 3))
-    assert WrenchStamped().deserialize(listener.heard.recv(999)[4:]).header.frame_id == frame
+    assert geo.WrenchStamped().deserialize(listener.heard.recv(999)[4:]).header.frame_id == frame
 
 
 def test_a_package_that_is_not_installed_is_named(graph, thread, sensor, monkeypatch):

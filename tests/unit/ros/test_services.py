@@ -1,7 +1,5 @@
 """Table of services: each is served by a function, one call at a time where necessary."""
 
-from __future__ import annotations
-
 import threading
 
 import pytest

@@ -1,7 +1,5 @@
 """Servo nodes: messages reach the loop, and requests are executed."""
 
-from __future__ import annotations
-
 import copy
 import threading
 import time
@@ -41,12 +39,8 @@ from aras_visual_servo_controller.ros import (
     node,
     node_settings,
 )
-from aras_visual_servo_controller.ros import (
-    goal_publishers as goal_topics,
-)
-from aras_visual_servo_controller.ros import (
-    loop_subscribers as inputs,
-)
+from aras_visual_servo_controller.ros import goal_publishers as goal_topics
+from aras_visual_servo_controller.ros import loop_subscribers as inputs
 from aras_visual_servo_controller.ros.camera_subscribers import CameraSubscribers
 from aras_visual_servo_controller.ros.command_publishers import stop_controller
 from aras_visual_servo_controller.ros.depth_image import read_depth
@@ -72,17 +66,13 @@ def moments(valid=True, stamp=STAMP, **more):
     return message
 
 
-# -- what the loop hears ---------------------------------------------------------------------------
-
-
 def test_moments_reach_the_loop(graph, hear_with):
     eye = observer(Need.MOMENTS)
     driver = hear_with(eye)
     driver.joints = JointSample.from_values(3.25, JOINTS, position(3.25))
     DetectionSubscribers(ENTRY, driver, eye)
-    assert driver.sources == {
-        "left": ImageSource("features", "/two/camera/moments", "the camera node")
-    }
+    source = ImageSource("features", "/two/camera/moments", "the camera node")
+    assert driver.sources == {"left": source}
     assert set(graph.subscribers) == {"/two/camera/moments"}
     assert graph.heard["/two/camera/moments"] == (
         ImageMoments, {"queue_size": 1, "tcp_nodelay": True})
@@ -121,8 +111,7 @@ def test_a_camera_node_in_the_same_process_passes_on_its_moments_itself(graph, h
     assert set(graph.subscribers) == before
     assert driver.sources["left"].describe_silence() == (
         "no features on /aras_visual_servo/camera/moments (is the simulator or camera's driver "
-        "running?)"
-    )
+        "running?)")
     camera.on_moments(moments())
     assert [(stamp, name) for stamp, _, name in driver.images] == [(3.25, "left")]
     other = hear_with(eye)
@@ -135,9 +124,8 @@ def test_moments_wait_for_their_kernel_features(graph, hear_with):
     eye = observer(Need.KERNEL, Need.MOMENTS)
     driver = hear_with(eye)
     DetectionSubscribers(ENTRY, driver, eye)
-    assert driver.sources["left"] == ImageSource(
-        "features", "/two/camera/kernel", "the camera node"
-    )
+    assert driver.sources["left"] == ImageSource("features", "/two/camera/kernel",
+                                                 "the camera node")
     hear, kernel = (graph.subscribers[f"/two/camera/{name}"] for name in ("moments", "kernel"))
     assert graph.heard["/two/camera/kernel"][0] is KernelFeatures
     numbers = KernelFeatures(data=np.arange(20.0))
@@ -171,9 +159,8 @@ def test_pictures_reach_the_loop_with_their_depth(graph, hear_with):
     heard = CameraSubscribers(ENTRY, driver, eye)
     topics = [f"/eye/camera/{name}" for name in ("camera_info", "image_raw", "depth/image_raw")]
     assert list(graph.subscribers) == topics and len(heard.subscribers) == 3
-    assert driver.sources["left"] == ImageSource(
-        "image", topics[1], "the simulator or camera's driver"
-    )
+    assert driver.sources["left"] == ImageSource("image", topics[1],
+                                                 "the simulator or camera's driver")
     plain = {"queue_size": 1, "tcp_nodelay": True}
     assert [graph.heard[t] for t in topics] == [
         (CameraInfo, plain), *[(Image, {**plain, "buff_size": 2**24})] * 2]
@@ -266,9 +253,6 @@ def test_joints_images_and_the_emergency_stop_are_heard(graph, hear_with, lockst
     assert "/stop" not in graph.subscribers
 
 
-# -- descriptions, parameters, goals ---------------------------------------------------------------
-
-
 def test_a_description_is_looked_for_now_and_then(graph, life, monkeypatch):
     watch = description.DescriptionWatch("robo")
     assert watch.find_new(None) == "" and watch.find_new(None) == ""
@@ -336,9 +320,8 @@ def test_a_goal_is_announced(graph):
     assert {t: (told[1:]) for t, told in graph.told().items()} == {
         "/two/controller/goal": (1, True), "/two/controller/desired_outline": (1, True)}
     arm = copy.copy(Robot(RobotSpec()).make_arm())  # all tests of a process share the original
-    servo = ControllerSettings.from_mapping(
-        {}, SOURCES / "aras_visual_servo_controller"
-    ).make_servo(arm)
+    servo = ControllerSettings.from_mapping({}, SOURCES
+                                            / "aras_visual_servo_controller").make_servo(arm)
     topics.publish(servo)
     told, = graph.publishers["/two/controller/goal"].sent
     assert told.header.frame_id == arm.base_frame and not graph.lines
@@ -368,9 +351,6 @@ def test_a_controller_is_stopped_where_there_is_one(graph, life):
         Trigger._response_class(True, "")))
     assert stop_controller("/two") is True and asked == [1]
     assert life.waited == [("/two/controller/stop", 0.5)] * 2
-
-
-# -- what others ask of the loop -------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -503,13 +483,8 @@ def test_an_action_has_its_time(graph, served, client, known):
     status, result = client.result("a")
     expected = (("too_few_images", "a gap", found.remedy) if known else
                 ("timed_out", "not converged within 0.2 s", ""))
-    assert (status, result.outcome, result.reason, result.remedy) == (
-        GoalStatus.ABORTED, *expected)
-    assert (servo.phase, servo.reason) == (
-        "stopped", "the timeout of the action goal has expired")
-
-
-# -- the controller node ---------------------------------------------------------------------------
+    assert (status, result.outcome, result.reason, result.remedy) == (GoalStatus.ABORTED, *expected)
+    assert (servo.phase, servo.reason) == ("stopped", "the timeout of the action goal has expired")
 
 
 def test_the_controller_is_built_for_the_robot_and_anew_for_another(graph, life, end_threads):
@@ -552,9 +527,6 @@ def test_the_controller_is_built_for_the_robot_and_anew_for_another(graph, life,
     assert graph.publishers["/two/both"].sent[-1].data == [0.0] * 6
     assert graph.call("/two/controller/stop").message == "stop: stopped"
     assert "/two/halt" not in graph.subscribers
-
-
-# -- the camera node -------------------------------------------------------------------------------
 
 
 @pytest.fixture

@@ -1,7 +1,5 @@
 """Signals end a node in any state of its main thread; shutdown functions are completed."""
 
-from __future__ import annotations
-
 import ctypes
 import logging
 import os
@@ -15,6 +13,23 @@ from types import SimpleNamespace
 import pytest
 
 from aras_visual_servo_ros import shutdown
+
+
+def start(code, *words, **environment):
+    """Start Python code as a node."""
+    path = os.pathsep.join(filter(None, sys.path))
+    return subprocess.Popen(
+        [sys.executable, "-c", code, *words], text=True, stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": path, "PYTHONUNBUFFERED": "1", **environment})
+
+
+def run(code, *words, **environment):
+    """Return status, output and errors of Python code."""
+    node = start(code, *words, **environment)
+    out, errors = node.communicate(timeout=60.0)
+    return node.returncode, out, errors
+
 
 NODE = """
 import os, sys, threading, time, rospy
@@ -38,10 +53,7 @@ print("main ends", flush=True)
     (signal.SIGINT, 0), (signal.SIGTERM, 0), (signal.SIGINT, 1)])
 def test_a_signal_ends_a_waiting_main_thread_and_hooks_come_to_their_end(number, thread):
     """The kernel gives a process's signal to any of its threads."""
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    node = subprocess.Popen(
-        [sys.executable, "-c", NODE], env=environment, stdout=subprocess.PIPE, text=True
-    )
+    node = start(NODE)
     try:
         assert node.stdout.readline() == "up\n"
         threads = sorted(int(task.name) for task in Path(f"/proc/{node.pid}/task").iterdir())
@@ -49,8 +61,7 @@ def test_a_signal_ends_a_waiting_main_thread_and_hooks_come_to_their_end(number,
         output, _ = node.communicate(timeout=30.0)
     finally:
         node.kill()
-    assert output == "main ends\ndone\n"
-    assert node.returncode == 0
+    assert (output, node.returncode) == ("main ends\ndone\n", 0)
 
 
 def test_a_topic_closed_under_a_callback_is_a_fault_only_before_the_end(monkeypatch):
@@ -96,19 +107,14 @@ print("up")
 """
 
 
-@pytest.mark.parametrize(
-    ("words", "status", "told"), [(["interrupted"], 130, ""), ([], 1, "another fault")]
-)
+@pytest.mark.parametrize(("words", "status", "told"), [
+    (["interrupted"], 130, ""), ([], 1, "another fault")])
 def test_a_node_that_is_interrupted_while_it_begins_ends_without_a_traceback(
     words, status, told, tmp_path
 ):
-    path = os.pathsep.join(filter(None, sys.path))
-    ended = subprocess.run(
-        [sys.executable, "-c", BEGINS, *words], capture_output=True, text=True, timeout=60.0,
-        env={**os.environ, "PYTHONPATH": path, "ROS_LOG_DIR": str(tmp_path)},
-    )  # fmt: skip
-    assert (ended.returncode, ended.stdout) == (status, "")
-    assert told in ended.stderr and ("Traceback" in ended.stderr) == bool(told)
+    *ended, errors = run(BEGINS, *words, ROS_LOG_DIR=str(tmp_path))
+    assert ended == [status, ""]
+    assert told in errors and ("Traceback" in errors) == bool(told)
 
 
 LOGS = """
@@ -121,16 +127,11 @@ print("up")
 
 
 @pytest.mark.parametrize(("folder", "words"), [
-    ("/proc", []), ("/proc/logs", []), ("/dev/null/logs", []), ("", ["__log:=/proc/begins.log"]),
-])  # fmt: skip
+    ("/proc", []), ("/proc/logs", []), ("/dev/null/logs", []), ("", ["__log:=/proc/begins.log"])])
 def test_a_node_whose_log_cannot_be_written_says_so_in_one_line(folder, words, tmp_path):
-    ended = subprocess.run(
-        [sys.executable, "-c", LOGS, *words], capture_output=True, text=True, timeout=60.0,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
-             "ROS_LOG_DIR": folder or str(tmp_path), "TMPDIR": str(tmp_path)},
-    )  # fmt: skip
-    assert (ended.returncode, ended.stdout) == (0, "up\n")
-    (line,) = ended.stderr.splitlines()
+    *ended, errors = run(LOGS, *words, ROS_LOG_DIR=folder or str(tmp_path), TMPDIR=str(tmp_path))
+    assert ended == [0, "up\n"]
+    (line,) = errors.splitlines()
     assert line.startswith(f"begins: cannot write the log to {folder or '/proc'} (")
     assert "set ROS_LOG_DIR" in line and list(tmp_path.glob("ros_log_*/begins*.log"))
 
@@ -161,16 +162,8 @@ print("up")
 
 def test_an_interruption_waits_for_no_lock_that_the_beginning_holds(tmp_path):
     """rospy ends the node in the signal's handler: in the thread that holds the lock."""
-    environment = {
-        **os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
-        "ROS_LOG_DIR": str(tmp_path), "ROS_MASTER_URI": "http://127.0.0.1:1",
-    }  # fmt: skip
-    ended = subprocess.run(
-        [sys.executable, "-c", LOCKED], env=environment, capture_output=True, text=True,
-        timeout=30.0,
-    )  # fmt: skip
-    assert (ended.returncode, ended.stdout) == (130, "ended\n")
-    assert "Traceback" not in ended.stderr
+    *ended, errors = run(LOCKED, ROS_LOG_DIR=str(tmp_path), ROS_MASTER_URI="http://127.0.0.1:1")
+    assert ended == [130, "ended\n"] and "Traceback" not in errors
 
 
 BEGINNING = """
@@ -182,17 +175,12 @@ print("begun", flush=True)
 """
 
 
-def node_without_a_master(*arguments):
-    """Start a node at a port without a master."""
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
-                   "ROS_MASTER_URI": "http://127.0.0.1:1", "PYTHONUNBUFFERED": "1"}
-    return subprocess.Popen([sys.executable, "-c", BEGINNING, *arguments], env=environment,
-                            stdout=subprocess.PIPE, text=True)
+NO_MASTER = {"ROS_MASTER_URI": "http://127.0.0.1:1"}
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_a_node_that_waits_for_its_master(number):
-    node = node_without_a_master()
+    node = start(BEGINNING, **NO_MASTER)
     try:
         assert node.stdout.readline() == "up\n"
         assert "Will keep trying" in node.stdout.readline()
@@ -203,9 +191,7 @@ def test_a_signal_ends_a_node_that_waits_for_its_master(number):
     assert (output, node.returncode) == ("", 128 + number)
 
 
-@pytest.mark.parametrize("flag", ["-h", "--help"])
-def test_help_is_given_without_a_master(flag):
-    output, _ = (node := node_without_a_master(flag)).communicate(timeout=30.0)
-    assert node.returncode == 0
-    assert "Waits for a master." in output
-    assert "begun" not in output
+def test_help_is_given_without_a_master():
+    for flag in ("-h", "--help"):
+        status, output, _ = run(BEGINNING, flag, **NO_MASTER)
+        assert status == 0 and "Waits for a master." in output and "begun" not in output

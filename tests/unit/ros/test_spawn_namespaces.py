@@ -15,8 +15,7 @@ WITHOUT_TOPICS = {"gazebo_grasp_fix", "gazebo_ros_link_attacher"}  # of the mode
 @pytest.mark.parametrize("file", sorted(PLUGINS.keys() - WITHOUT_TOPICS))
 @pytest.mark.parametrize(("own", "requested", "namespace"), [
     ("", "/left/", "left"), ("", "left", "left"), ("", "/", ""),
-    ("<robotNamespace>mine</robotNamespace>", "/left", "mine"), ("<robotNamespace/>", "left", ""),
-])
+    ("<robotNamespace>mine</robotNamespace>", "/left", "mine"), ("<robotNamespace/>", "left", "")])
 def test_every_plugin_takes_the_requested_namespace_unless_it_names_one(
     file, own, requested, namespace
 ):

@@ -1,7 +1,5 @@
 """States of the loop are restored from their messages, and are sent to subscribers."""
 
-from __future__ import annotations
-
 import math
 from io import BytesIO
 from types import SimpleNamespace
@@ -29,16 +27,8 @@ def test_every_part_of_a_state_comes_back_from_its_two_messages(graph, face):
         assert one.header.frame_id == "camera_optical_frame" and one.joint_names == list(JOINTS)
     assert message.scheme == "points" and (report.reason, report.remedy) == ("slow", "wait")
     back = read_state(message, report)
-    for name in (
-        "phase",
-        "outcome",
-        "reason",
-        "remedy",
-        "scheme",
-        "computation_time",
-        "names",
-        "stamp",
-    ):
+    for name in ("phase", "outcome", "reason", "remedy", "scheme", "computation_time", "names",
+                 "stamp"):
         assert getattr(back, name) == getattr(state, name), name
     for name in ("desired_twist", "achieved_twist", "singular_values_L", "command", "error"):
         same(getattr(back, name), getattr(state, name))
@@ -113,10 +103,9 @@ def test_states_are_logged_when_they_are_new(graph, face, monkeypatch):
     ):  # fmt: skip
         now[0] += wait
         face.report(made_state(1.0, phase, reason=reason))
-    assert levels == [
-        ("loginfo", "servoing"), ("loginfo", "servoing: slow"), ("logwarn", "holding: no image"),
-        ("logwarn", "holding: third"), ("loginfo", "converged"), ("loginfo", "approaching: far"),
-    ]
+    assert levels == [("loginfo", "servoing"), ("loginfo", "servoing: slow"),
+                      ("logwarn", "holding: no image"), ("logwarn", "holding: third"),
+                      ("loginfo", "converged"), ("loginfo", "approaching: far")]
     face.log("one line")
     face.log("Traceback\n  of a fault")
     assert levels[-2:] == [("loginfo", "one line"), ("logerr", "Traceback\n  of a fault")]
@@ -172,18 +161,14 @@ def test_a_recorder_is_waited_for_in_vain_no_longer_than_it_takes(graph, monkeyp
     now = [100.0]
     monkeypatch.setattr("time.monotonic", lambda: now[0])
     monkeypatch.setattr("time.sleep", lambda seconds: now.__setitem__(0, now[0] + seconds))
-    two = RosPublisher(
-        ControllerSettings(namespace="/two", command_topic="both", listeners=2), JOINTS, "eye"
-    )
+    two = RosPublisher(ControllerSettings(namespace="/two", command_topic="both", listeners=2),
+                       JOINTS, "eye")
     two.state_publisher.impl.connections = [None]
     two.wait_for_listeners()
     assert 105.0 < now[0] < 105.1 and "has 1 of 2 subscribers after 5 s" in graph.lines[0]
     two.state_publisher.impl.connections = [None, None]
     two.wait_for_listeners()
     assert now[0] < 105.1 and len(graph.lines) == 1
-
-
-# -- who listens ----------------------------------------------------------------------------------
 
 
 @pytest.fixture

@@ -7,12 +7,7 @@ import pytest
 import rospy
 import yaml
 from gazebo_msgs.msg import LinkState
-from gazebo_msgs.srv import (
-    GetLinkState,
-    GetLinkStateResponse,
-    GetWorldProperties,
-    GetWorldPropertiesResponse,
-)
+from gazebo_msgs.srv import GetLinkState, GetWorldProperties
 from geometry_msgs.msg import Point, Pose, Quaternion
 
 from aras_visual_servo_bench.ros import target_link
@@ -66,10 +61,11 @@ def test_where_a_simulation_has_it_its_pose_is_that_of_now(asked, graph, models,
 
     def state(request):
         found["asked"] = request.link_name, request.reference_frame
-        return GetLinkStateResponse(success=found["there"], link_state=LinkState(pose=there))
+        return GetLinkState._response_class(success=found["there"],
+                                            link_state=LinkState(pose=there))
 
-    rospy.Service(target_link.WORLD, GetWorldProperties, lambda _: GetWorldPropertiesResponse(
-        model_names=models, success=True))
+    rospy.Service(target_link.WORLD, GetWorldProperties,
+                  lambda _: GetWorldProperties._response_class(model_names=models, success=True))
     rospy.Service(target_link.STATE, GetLinkState, state)
     for found["there"], pose in ((True, (0.4, -0.2, 0.7, 0.0, 0.0, 0.3)),
                                  (False, (0.2, -0.1, 0.64, 0.0, 0.0, 0.6))):
@@ -81,8 +77,7 @@ def test_where_a_simulation_has_it_its_pose_is_that_of_now(asked, graph, models,
 @pytest.mark.parametrize(("link", "why"), [
     ("crate", "model 'crate' has 2 links with visuals (body, lid); name the target's"),
     ("crate::bod", "has no link 'bod' with visuals: did you mean 'body'"),
-    ("crat::body", "there is no model 'crat' in world"),
-])  # fmt: skip
+    ("crat::body", "there is no model 'crat' in world")])
 def test_what_is_not_there_is_said_in_one_line(asked, link, why):
     status, told = asked(link, "mesh")
     assert status == 1 and told.out == ""

@@ -96,6 +96,10 @@ def test_a_publisher_that_the_master_tells_of_twice_is_connected_to_once_a_topic
     for other in (("/x", "quick"), ("/y", "quick")):  # do not wait for it
         publishers.told(*other).join(20.0)
         assert publishers.connected[-1] == other
+    deadline = time.monotonic() + 20.0
+    while publishers.asked.count("slow") < 2 and time.monotonic() < deadline:
+        time.sleep(0.01)  # neither topic waits for the other
+    assert publishers.asked.count("slow") == 2
     publishers.answer.set()
     for thread in threads:
         thread.join(20.0)

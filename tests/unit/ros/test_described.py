@@ -118,7 +118,8 @@ def test_a_run_s_experiment_says_what_differs():
 
 
 def test_the_files_of_a_run():
-    hostile = ("../evil.yaml", "x/y.yaml", "/x.yaml", "..", "\n.yaml", ".bashrc", "b.txt")
+    hostile = ("../evil.yaml", "x/y.yaml", "/x.yaml", "..", "\n.yaml", ".bashrc", "b.txt",
+               "a.yaml/../../x")
     found = of(goals={"mine.yaml": "a: 1", **dict.fromkeys(hostile, "")},
                launch=[["p", "a.launch", "x:=1"], ["q"]], versions={"numpy": "2.1", "ros": "1"})
     files = found.collect_files()

@@ -120,7 +120,7 @@ def test_spawners_files_waits_and_ends(tool, ros_master, tmp_path):
         unspawner = Tool(ros_master, "unspawner", "push", "__ns:=/arm")
         wait_for(lambda: states()["push"] == "stopped", 15.0, "the unspawner")
         unspawner.interrupt()
-        wait_for(lambda: states()["push"] == "running", 5.0, "the restart")
+        wait_for(lambda: states()["push"] == "running", 15.0, "the restart")
         loading.interrupt()
         assert set(states()) == {"push"}
         for group, push, spin in (("two", "stopped", "running"), ("one", "running", "stopped")):

@@ -81,7 +81,8 @@ class Publishers:
         return 1, "", ["TCPROS", "127.0.0.1", 1]
 
     def told(self, topic: str, uri: str) -> threading.Thread:
-        thread = threading.Thread(target=self.handler._connect_topic, args=(topic, uri))
+        thread = threading.Thread(target=self.handler._connect_topic, args=(topic, uri),
+                                  daemon=True)
         thread.start()
         return thread
 

@@ -26,10 +26,8 @@ def masks(upright):
 def test_what_the_task_does_not_speak_of_goes_straight_to_the_goal(seed):
     random = np.random.RandomState(seed)
     view, goal = random_pose(random), random_pose(random)
-    off = np.concatenate([
-        view[:3, :3].T @ (goal[:3, 3] - view[:3, 3]),
-        LENGTH * Rotation.from_matrix(view[:3, :3].T @ goal[:3, :3]).as_rotvec(),
-    ])  # fmt: skip
+    turn = Rotation.from_matrix(view[:3, :3].T @ goal[:3, :3]).as_rotvec()
+    off = np.append(view[:3, :3].T @ (goal[:3, 3] - view[:3, 3]), LENGTH * turn)
     for modelled in masks(upright=False):
         held, errors, free = compute_held_directions(view, goal, modelled, LENGTH)
         np.testing.assert_array_equal(held, np.eye(6)[~modelled])
@@ -66,28 +64,20 @@ def test_upside_down_any_way_round_is_as_good():
     np.testing.assert_allclose(turned, -view[2, :3], atol=1e-12)
 
 
-@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-7, 0.9e-6, 1.1e-6, 1e-4, 1e-2])
-def test_a_small_turn_is_about_its_own_axis_too(angle):
-    """Where the sine of the angle divides nothing any more."""
-    vector = angle * np.array([2.0, -3.0, 6.0]) / 7.0
-    view = random_pose(np.random.RandomState(3))
-    goal = view.copy()
-    goal[:3, :3] = view[:3, :3] @ Rotation.from_rotvec(vector).as_matrix()
-    errors = compute_held_directions(view, goal, np.zeros(6, bool), LENGTH)[1]
-    np.testing.assert_allclose(errors[3:], LENGTH * vector, rtol=1e-9, atol=1e-15)
-
-
-@pytest.mark.parametrize("short", [0.0, 3e-5, -3e-5, 1e-3])
+@pytest.mark.parametrize("angle", [
+    0.0, 1e-9, 1e-7, 0.9e-6, 1.1e-6, 1e-4, 1e-2, np.pi, np.pi - 3e-5, np.pi + 3e-5, np.pi - 1e-3])
 @pytest.mark.parametrize("axis", [(0.9, -0.3, 0.2), (0.1, 0.8, -0.5), (-0.2, 0.4, 0.9)])
-def test_half_a_turn_is_about_its_own_axis(axis, short):
-    """`short` of it, rad; there the sine of the angle tells no axis."""
-    axis = np.array(axis) / np.linalg.norm(axis)
+def test_small_turns_and_half_a_turn_are_about_their_own_axes(axis, angle):
+    """There the sine of the angle divides nothing any more, or tells no axis."""
     view = random_pose(np.random.RandomState(7))
     goal = view.copy()
-    wanted = Rotation.from_rotvec((np.pi - short) * axis)
+    wanted = Rotation.from_rotvec(angle * np.array(axis) / np.linalg.norm(axis))
     goal[:3, :3] = view[:3, :3] @ wanted.as_matrix()
     errors = compute_held_directions(view, goal, np.zeros(6, bool), LENGTH)[1]
     np.testing.assert_allclose(errors[:3], 0.0, atol=1e-12)
     turn = Rotation.from_rotvec(errors[3:] / LENGTH)
     assert (turn.inv() * wanted).magnitude() < 1e-8
-    assert np.linalg.norm(errors[3:]) == pytest.approx(LENGTH * (np.pi - abs(short)))
+    size = min(angle, 2.0 * np.pi - angle)
+    assert np.linalg.norm(errors[3:]) == pytest.approx(LENGTH * size, rel=1e-6)
+    if angle < 3.0:
+        np.testing.assert_allclose(errors[3:], LENGTH * wanted.as_rotvec(), rtol=1e-9, atol=1e-15)

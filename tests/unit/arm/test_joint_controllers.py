@@ -34,28 +34,24 @@ def names(kind, named=None, joints=("a", "b"), parameters=PARAMETERS):
     return [one.name for one in choose_controllers(parameters, joints, kind, named or {}, SPACE)]
 
 
-def test_what_moves_joints_is_told_by_its_type():
+def test_each_joint_has_its_controller_of_the_kind_a_named_one_first():
     found = {one.name: one for one in find_joint_controllers(PARAMETERS)}
     assert list(found) == ["b_position_controller", "turns_b", "a_position_controller", "slow_a",
                            "push_a", "both"]  # fmt: skip
     assert found["turns_b"] == RosControlController("turns_b", ("b",), "velocity", False)
     assert found["both"] == RosControlController("both", ("b", "a"), "effort", True)
-
-
-def test_each_joint_has_its_controller_of_the_kind():
-    assert names("position") == ["a_position_controller", "b_position_controller"]
-    assert names("velocity") == ["slow_a", "turns_b"]
-    assert names("velocity", joints=("b", "a")) == ["turns_b", "slow_a"]
-
-
-def test_a_named_controller_comes_first_if_it_takes_the_kind():
     more = {**PARAMETERS, "quick_a": single("Velocity", "a"), "z": single("Position", "a")}
-    assert names("velocity", parameters=more)[0] == "slow_a"  # the first of those that fit
-    assert names("velocity", {"a": "quick_a"}, parameters=more)[0] == "quick_a"
     # as the shipped robot's file names its position controllers
     shipped = {"a": "a_position_controller", "b": "b_position_controller"}
-    assert names("velocity", shipped) == ["slow_a", "turns_b"]
-    assert names("position", {"a": "z"}, parameters=more)[0] == "z"
+    for kind, named, joints, chosen in (
+        ("position", {}, "ab", ["a_position_controller", "b_position_controller"]),
+        ("velocity", {}, "ba", ["turns_b", "slow_a"]),
+        ("velocity", {}, "ab", ["slow_a", "turns_b"]),  # the first of those that fit
+        ("velocity", {"a": "quick_a"}, "ab", ["quick_a", "turns_b"]),
+        ("velocity", shipped, "ab", ["slow_a", "turns_b"]),
+        ("position", {"a": "z"}, "a", ["z"]),
+    ):
+        assert names(kind, named, tuple(joints), more) == chosen
 
 
 def test_a_group_serves_where_no_single_one_does():

@@ -13,18 +13,8 @@ SLOW = np.array([0.002, 0.001, 0.001, 0.0, 0.0, 0.002])
 
 
 def resolve(q, twist, dt=0.01, **limits):
-    arm = make("aras")
-    return DifferentialIK(arm, CommandLimits.for_arm(arm, **limits)).solve(
-        np.array(q), Task.from_twist(twist), dt
-    )
-
-
-def test_slow_motion_away_from_limits_lasts():
-    assert resolve(Q, SLOW).reuse_time == REUSE_TIME
-
-
-def test_fast_motion_does_not():
-    assert resolve(Q, 20.0 * SLOW).reuse_time == 0.0
+    limits = CommandLimits.for_arm(make("aras"), **limits)
+    return DifferentialIK(make("aras"), limits).solve(np.array(q), Task.from_twist(twist), dt)
 
 
 @pytest.mark.parametrize("joint", range(6))
@@ -40,31 +30,21 @@ def test_it_lasts_while_no_joint_leaves_its_jacobian(joint, sign):
         assert np.abs(answer.velocities - speeds).max() < 1e-9 and answer.reuse_time == lasts
 
 
-def test_a_motion_that_the_speed_of_a_joint_slows_does_not():
-    free = resolve(Q, SLOW).velocities
+def test_it_lasts_while_motion_is_slow_and_reaches_no_limit():
+    free = resolve(Q, SLOW)
+    assert free.reuse_time == REUSE_TIME and resolve(Q, 20.0 * SLOW).reuse_time == 0.0
     for joint, name in enumerate(make("aras").names):
+        speed = free.velocities[joint]
+        if abs(speed) < 1e-6:
+            continue
         speeds = np.full(6, 1.0)
-        speeds[joint] = 0.5 * abs(free[joint])
-        if speeds[joint] > 1e-6:
-            slowed = resolve(Q, SLOW, velocity=speeds.tolist())
-            assert (slowed.limiting_joint, slowed.reuse_time) == (name, 0.0)
-
-
-@pytest.mark.parametrize("joint", range(6))
-def test_near_a_limit_that_this_motion_reaches_it_does_not(joint):
-    velocities = resolve(Q, SLOW).velocities
-    speed = velocities[joint]
-    if abs(speed) < 1e-6:
-        pytest.skip("this joint stands still")
-    side = "upper" if speed > 0.0 else "lower"
-    room = 0.5 * REUSE_TIME * abs(speed)  # more than one step takes
-    name = make("aras").names[joint]
-    bound = Q[joint] + np.sign(speed) * room
-    assert resolve(Q, SLOW, **{side: {name: bound}}).reuse_time == 0.0
-    assert (
-        resolve(Q, SLOW, **{side: {name: bound + 3.0 * (bound - Q[joint])}}).reuse_time
-        == REUSE_TIME
-    )
+        speeds[joint] = 0.5 * abs(speed)
+        slowed = resolve(Q, SLOW, velocity=speeds.tolist())
+        assert (slowed.limiting_joint, slowed.reuse_time) == (name, 0.0)
+        for part, lasts in ((0.5, 0.0), (2.0, REUSE_TIME)):  # of the way in that time
+            bound = {name: Q[joint] + part * REUSE_TIME * speed}
+            side = "upper" if speed > 0.0 else "lower"
+            assert resolve(Q, SLOW, **{side: bound}).reuse_time == lasts
 
 
 @pytest.mark.parametrize("reach", [1e-3, 0.05, 0.5])

@@ -26,19 +26,14 @@ def modules(tmp_path, monkeypatch):
 
 
 def test_the_library_is_missing_during_the_import_only():
+    before = list(sys.meta_path)
     import_without("optional_library", "library_user")
     assert sys.modules["library_user"].found is None and "optional_library" not in sys.modules
-    assert importlib.import_module("optional_library")
-
-
-def test_an_imported_library_is_used():
     library = importlib.import_module("optional_library")
-    import_without("optional_library", "library_user")
+    del sys.modules["library_user"]
+    import_without("optional_library", "library_user")  # one that is imported is used
     assert sys.modules["library_user"].found is library
-
-
-def test_an_import_that_fails_leaves_nothing_behind():
-    before = list(sys.meta_path)
+    del sys.modules["optional_library"]
     with pytest.raises(ModuleNotFoundError, match="there_is_none"):
         import_without("optional_library", "there_is_none")
     assert sys.meta_path == before

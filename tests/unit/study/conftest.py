@@ -1,8 +1,13 @@
 """Studies of a free camera with exact features; a run takes a hundredth of a second."""
 
+import sys
+from pathlib import Path
+
 import pytest
 
 from aras_visual_servo_bench.studies.study import Study
+
+sys.path.insert(0, str(Path(__file__).parent))
 
 TINY = {
     "experiment": {"plant": "free", "duration": 0.1, "lag": 0.0},

@@ -5,10 +5,8 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-from dataclasses import dataclass, field
-from pathlib import Path
+from typing import NamedTuple
 
-import dask
 import distributed
 import distributed.core
 import pytest
@@ -24,12 +22,6 @@ from aras_visual_servo_bench.studies.study_folder import StudyFolder
 
 def parts(path):
     return {p.name: p.read_bytes() for p in (path / "parts").glob("*")}
-
-
-def _looks(server):
-    """ms between the looks of a scheduler or worker at its own load, by name."""
-    return {name: look.callback_time for name, look in server.periodic_callbacks.items()
-            if name in ("tick", "monitor") or "profile" in name}
 
 
 @pytest.fixture(scope="module")
@@ -48,16 +40,13 @@ def hanging(tiny, tmp_path_factory):
         yield tiny(metrics=["my_hanging:hanging"], repeats=1, chunk=1, limit=60.0)
 
 
-@dataclass
-class History:
-    """What was seen of a pool with one worker: its folders, process ids, environment and looks."""
+class History(NamedTuple):
+    """Folders of a pool with one worker, and its process ids at the beginning and the end."""
 
-    path: Path
     here: StudyFolder
-    begun: int = 0
-    ended: int = 0
-    environment: dict = field(default_factory=dict)
-    looks: list = field(default_factory=list)
+    there: StudyFolder
+    begun: int
+    ended: int
 
 
 @pytest.fixture(scope="module")
@@ -66,17 +55,11 @@ def history(hanging, tmp_path_factory):
     path = tmp_path_factory.mktemp("history")
     # Both at once, for their rows say which code the checkout has, and somebody may edit it.
     here, made = (StudyFolder.create(path / name, hanging, "") for name in ("here", "there"))
-    found = History(path, here)
     study = hanging.to_mapping()
     with DaskPool(1, chunks_before_restart=2) as pool:
-        def worker():
-            (number,) = pool.client.run(os.getpid).values()
-            return number
-
-        found.begun = worker()
-        (found.environment,) = pool.client.run(lambda: dict(os.environ)).values()
-        (looks,) = pool.client.run(lambda dask_worker: _looks(dask_worker)).values()
-        found.looks = [looks, _looks(pool.cluster.scheduler)]
+        (begun,) = pool.client.run(os.getpid).values()
+        (environment,) = pool.client.run(lambda: dict(os.environ)).values()
+        assert all(environment[key] == "1" for key in ONE_THREAD)
         # The worker has loaded everything before the run that hangs, whose limit is short.
         for chunk, limit in ((0, study["limit"]), (1, 2.0)):
             done = None
@@ -85,40 +68,19 @@ def history(hanging, tmp_path_factory):
                 task, done = pool.wait_for_chunk()
             made.write_chunk(task.chunk, done)
         engine.run_missing(made, lambda: contextlib.nullcontext(pool), None)
-        found.ended = worker()
-    return found
+        (ended,) = pool.client.run(os.getpid).values()
+    return History(here, StudyFolder.open(made.path), begun, ended)
 
 
 def test_a_run_that_hangs_and_a_worker_made_anew_leave_the_bytes_of_one_process(history, hanging):
-    made = StudyFolder.open(history.path / "there")
+    made, here = history.there, history.here
     assert made.read_results()["outcome"].to_pylist() == ["timed_out", "time_limit", "timed_out"]
     assert history.ended != history.begun
-    here = history.here
     for chunk in (0, 2):
-        here.write_chunk(
-            chunk, work.carry_out(work.StudyChunk(json.dumps(hanging.to_mapping()), chunk))
-        )
+        task = work.StudyChunk(json.dumps(hanging.to_mapping()), chunk)
+        here.write_chunk(chunk, work.carry_out(task))
     there = parts(made.path)
     assert parts(here.path) == {name: there[name] for name in parts(here.path)} and len(there) == 3
-
-
-def test_workers_have_one_thread_for_each_library_and_seldom_look_at_themselves(history):
-    assert all(history.environment[key] == "1" for key in ONE_THREAD)
-    for looks in history.looks:
-        assert set(looks) == {"tick", "monitor"} and min(looks.values()) >= 1000.0
-
-
-def test_dask_neither_moves_chunks_nor_tries_them_again_nor_ends_workers():
-    with pytest.raises(StudyError):
-        DaskPool(cluster="none.yaml")
-    told = dask.config.get("distributed")
-    assert told["scheduler"]["allowed-failures"] == 0
-    assert told["scheduler"]["worker-ttl"] is None
-    watched = ("target", "spill", "pause", "terminate")
-    assert [told["worker"]["memory"][key] for key in watched] == [False] * 4
-    assert not told["worker"]["profile"]["enabled"] and not told["scheduler"]["work-stealing"]
-    assert told["worker"]["daemon"]
-    assert told["admin"]["log-length"] == told["admin"]["low-level-log-length"] == 100
 
 
 def test_without_a_number_there_is_a_worker_a_core(monkeypatch):

@@ -12,6 +12,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import yaml
+from made_studies import write_study
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_bench.cli import main
@@ -48,19 +49,12 @@ def pixels(png):
 @pytest.fixture(scope="module")
 def arm():
     """A run of the arm before a target that moves, whose answers come late: its images."""
-    study = study_of(
-        {
-            "plant": "bullet",
-            "duration": 0.5,
-            "time_after_convergence": None,
-            "target": MOVING,
-            "delay": 0.1,
-            "scheme": "points",
-            "goal": {"pose": [0.01, 0.02, 0.85, 3.14159265, 0.0, 0.0]},
-            "start": {"pose": [0.03, 0.0, 0.9, 3.14159265, 0.0, 0.2]},
-        },
-        depth=True,
-    )
+    study = study_of({
+        "plant": "bullet", "duration": 0.5, "time_after_convergence": None, "target": MOVING,
+        "delay": 0.1, "scheme": "points",
+        "goal": {"pose": [0.01, 0.02, 0.85, 3.14159265, 0.0, 0.0]},
+        "start": {"pose": [0.03, 0.0, 0.9, 3.14159265, 0.0, 0.2]},
+    }, depth=True)  # fmt: skip
     return study, rows.compute_row(study, 0)
 
 
@@ -151,16 +145,7 @@ def test_of_each_camera_the_latest_image_is_kept_with_its_colours_and_depth():
         assert pixels(row["depth_left"]).tolist() == [[5000 * count, 65535, 0, 0, 0]]
 
 
-def test_what_is_kept_changes_no_run(arm):
-    study, done = arm
-    plain = Study.from_mapping({**study.to_mapping(), "pictures": "none", "depth": False})
-    without = rows.compute_row(plain, 0)
-    assert without.images == []
-    for name, value in without.values[0].items():
-        assert value == done.values[0][name] or value != value, name
-
-
-def test_numbers_are_the_loops_own(arm):
+def test_numbers_are_the_loops_own_and_what_is_kept_changes_no_run(arm):
     study, done = arm
     experiment = study.make_experiment(0)
     seen = []
@@ -177,21 +162,11 @@ def test_numbers_are_the_loops_own(arm):
         reading = next(one for one in seen if one.stamp == state.stamp)
         rgb = Image(reading.image, reading.encoding).rgb
         np.testing.assert_array_equal(pixels(row["picture"])[..., ::-1], rgb)
-
-
-def test_each_camera_has_columns_of_its_own():
-    study = study_of(SEVERAL)
-    row = rows.compute_row(study, 0).images[2]
-    assert pixels(row["picture_left"]).shape == (100, 200)
-    assert pixels(row["picture_right"]).shape == (240, 320)
-    assert image_table.make_schema(study).names[-2:] == ["picture_left", "picture_right"]
-    assert image_table.make_schema(study_of(SEVERAL, depth=True)).names[-4:] == [
-        "picture_left", "depth_left", "picture_right", "depth_right"]
-    run = replay.run_with_images(
-        study.make_experiment(0).with_changes(duration=0.05), "again", "here")
-    assert (run.name, run.source) == ("again", "here")
-    assert run.cameras["left"].film and not run.cameras["left"].images
-    assert len(run.control_record.images) == len(run.stamp)
+    plain = Study.from_mapping({**study.to_mapping(), "pictures": "none", "depth": False})
+    without = rows.compute_row(plain, 0)
+    assert without.images == []
+    for name, value in without.values[0].items():
+        assert value == done.values[0][name] or value != value, name
 
 
 @pytest.mark.parametrize(("place", "frame", "row"), [
@@ -205,10 +180,9 @@ def test_the_card_says_of_each_camera_what_it_is_and_where(tmp_path, place, fram
     left = place or {"xyz": [-0.05, 0.01, -0.02]}
     several = {**SEVERAL, "cameras": {"left": {"model": lens, **left}, "right": {"rate": 15.0}}}
     study = study_of(several, repeats=5)
-    folder = StudyFolder.create(tmp_path, study, "")
     ends = ("joint_limit", "timed_out", "timed_out", "converged", "timed_out")
-    folder.write_chunk(0, rows.RunRows([{**rows.make_blank_row(study, run), "outcome": end}
-                               for run, end in enumerate(ends)]))
+    folder = StudyFolder.open(
+        write_study(tmp_path, study, lambda _, run: {"outcome": ends[run]}))
     told = data_card.make_card(folder)
     assert "Outcomes: timed_out 3, converged 1, joint_limit 1." in told
     assert f"```\n\nCode {folder.labels['code']}; {folder.labels['versions']}.\n" in told
@@ -243,6 +217,20 @@ def test_first_keeps_a_view_of_each_start():
 def test_what_cannot_be_kept_is_refused(changes, complaint):
     with pytest.raises(StudyError, match=complaint):
         engine.check_study(study_of(**{"experiment": {"plant": "free"}, **changes}))
+
+
+def test_each_camera_has_columns_of_its_own():
+    study = study_of(SEVERAL)
+    row = rows.compute_row(study, 0).images[2]
+    assert pixels(row["picture_left"]).shape == (100, 200)
+    assert pixels(row["picture_right"]).shape == (240, 320)
+    assert image_table.make_schema(study_of(SEVERAL, depth=True)).names[-4:] == [
+        "picture_left", "depth_left", "picture_right", "depth_right"]
+    short = study.make_experiment(0).with_changes(duration=0.05)
+    run = replay.run_with_images(short, "again", "here")
+    assert (run.name, run.source) == ("again", "here")
+    assert run.cameras["left"].film and not run.cameras["left"].images
+    assert len(run.control_record.images) == len(run.stamp)
 
 
 def test_a_data_set_larger_than_the_disk_is_refused(monkeypatch, tmp_path):

@@ -9,7 +9,6 @@ import io
 import json
 import os
 import pickle
-import runpy
 import shutil
 import signal
 import subprocess
@@ -21,6 +20,7 @@ from pathlib import Path
 
 import cv2
 import pytest
+import yaml
 
 from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.metrics.metric import metric
@@ -53,16 +53,6 @@ def hanging(finished):
 
 
 @metric("", "smaller", "these tests")
-def deaf(finished):
-    """Does not come back for long at a gain of 2, and hears no signal."""
-    if finished.experiment.gain == 2.0:
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGALRM})
-        Path(os.environ["DEAF"]).touch()
-        time.sleep(20.0)
-    return 0.0
-
-
-@metric("", "smaller", "these tests")
 def failing(finished):
     """Raises at a gain of 4."""
     if finished.experiment.gain == 4.0:
@@ -86,12 +76,14 @@ def hashes(path, kinds=("parts",)):
 class Backwards(Pool):
     """Takes four chunks at a time and gives the last one first."""
 
+    size = 4
+
     def __init__(self):
         self.tasks = []
 
     @property
     def has_room(self):
-        return len(self.tasks) < 4
+        return len(self.tasks) < self.size
 
     def submit(self, task):
         self.tasks.append(task)
@@ -102,60 +94,18 @@ class Backwards(Pool):
 
 
 class Dying(Backwards):
-    """Whose worker dies over the first chunk, unless that is guarded."""
+    """Whose worker dies over its only chunk, unless that is guarded."""
 
-    died = False
-
-    @property
-    def has_room(self):
-        return not self.tasks
+    size, died = 1, False
 
     def wait_for_chunk(self):
-        task = self.tasks.pop()
-        if task.chunk:
-            return task, work.carry_out(task)
-        was_dead, self.died = self.died, True
+        task, was_dead, self.died = self.tasks.pop(), self.died, True
         return task, work.carry_out(replace(task, is_isolated=True)) if was_dead else None
-
-
-class Forked:
-    """Replacement of Popen that forks this process instead of importing everything again."""
-
-    def __init__(self, command, stdin, stdout, env):
-        assert command == [sys.executable, "-m", work.__name__]
-        assert stdin is stdout is subprocess.PIPE and env.items() >= work.ONE_THREAD.items()
-        assert env["PYTHONPATH"].split(os.pathsep) == sys.path
-        (told, stdin), (stdout, out) = os.pipe(), os.pipe()
-        self._pid = os.fork()
-        if not self._pid:
-            os.dup2(told, 0)
-            os.dup2(out, 1)
-            os.close(stdin)
-            sys.stdin = os.fdopen(0)
-            runpy.run_module(work.__name__, run_name="__main__")
-            os._exit(0)
-        os.close(told)
-        os.close(out)
-        self.stdin, self.stdout = os.fdopen(stdin, "wb"), os.fdopen(stdout, "rb")
-
-    def kill(self):
-        os.kill(self._pid, signal.SIGKILL)
-
-    def wait(self):
-        return os.waitstatus_to_exitcode(os.waitpid(self._pid, 0)[1])
-
-
-POPEN = subprocess.Popen
-
-
-def fork_workers(command, **keys):
-    """Replacement of Popen for workers alone."""
-    return Forked(command, **keys) if work.__name__ in command else POPEN(command, **keys)
 
 
 def test_every_run_is_a_row_with_what_was_set_and_measured(tiny, tmp_path):
     study = tiny()
-    made = carried(study, tmp_path / "out")
+    made = carried(study, tmp_path)
     table = made.read_results()
     assert table["run"].to_pylist() == list(range(6))
     assert table["gain"].to_pylist() == [1.0, 1.0, 2.0, 2.0, 4.0, 4.0]
@@ -171,18 +121,15 @@ def test_every_run_is_a_row_with_what_was_set_and_measured(tiny, tmp_path):
     assert times["run"].to_pylist() == list(range(6))
     for kind in ("wall", "processor"):
         assert all(0.0 < seconds < 60.0 for seconds in times[kind].to_pylist())
-    assert (tmp_path / "out" / "study.yaml").read_text() == "as given"
-    assert not (tmp_path / "out" / study_folder.TRACES).exists()
+    assert (tmp_path / "study.yaml").read_text() == "as given"
+    assert not (tmp_path / study_folder.TRACES).exists()
 
 
 def test_the_order_of_chunks_changes_nothing(tiny, tmp_path):
     study = tiny(repeats=4)
-    carried(study, tmp_path / "one")
-    carried(study, tmp_path / "two", Backwards())
-    assert hashes(tmp_path / "one") == hashes(tmp_path / "two")
-    assert (
-        StudyFolder.open(tmp_path / "one").manifest == StudyFolder.open(tmp_path / "two").manifest
-    )
+    one, two = carried(study, tmp_path / "one"), carried(study, tmp_path / "two", Backwards())
+    assert hashes(one.path) == hashes(two.path)
+    assert StudyFolder.open(one.path).manifest == StudyFolder.open(two.path).manifest
 
 
 def test_the_last_part_is_counted_by_its_own_runs_and_read_as_it_is_now(tiny, tmp_path):
@@ -219,43 +166,13 @@ def test_a_part_that_is_no_table_is_run_again_whatever_its_hash_says(tiny, tmp_p
 
 
 def test_a_run_that_hangs_ends_as_a_row_and_its_worker_goes_on(tiny, tmp_path, monkeypatch):
-    """Here, and in a process of its own that does not hear its alarm."""
-    monkeypatch.setattr(subprocess, "Popen", fork_workers)
     monkeypatch.syspath_prepend(os.path.dirname(__file__))
-    hangs, asked = tmp_path / "hangs", {}
-    monkeypatch.setenv("DEAF", str(hangs))
-
-    class Watch(threading.Thread):
-        """Replacement of Timer that fires as soon as a run hangs."""
-
-        def __init__(self, limit, end):
-            super().__init__(daemon=True)
-            self._end, self._cancelled = end, threading.Event()
-            asked[self] = limit
-
-        def run(self):
-            while not self._cancelled.wait(0.02):
-                if hangs.exists():
-                    hangs.unlink()
-                    self._end()
-                    break
-
-        def cancel(self):
-            self._cancelled.set()
-
-        @property
-        def over(self):
-            return self._cancelled.is_set()
-
-    monkeypatch.setattr(threading, "Timer", Watch)
     rows.compute_row(tiny(), 0)  # what the first run of a process loads counts for none
-    for name, pool, limit in (("hanging", InProcessPool(), 2.0), ("deaf", Dying(), 600.0)):
-        study = tiny(metrics=["success", f"test_engine:{name}"], chunk=3, repeats=1, limit=limit)
-        table = carried(study, tmp_path / name, pool).read_results()
-        assert table["outcome"].to_pylist() == ["timed_out", rows.LATE, "timed_out"]
-        assert table["reason"][1].as_py() == f"not finished after {limit:g} s of wall time"
-        assert "limit" in table["remedy"][1].as_py()
-    assert asked and set(asked.values()) == {660.0} and all(watch.over for watch in asked)
+    study = tiny(metrics=["success", "test_engine:hanging"], chunk=3, repeats=1, limit=2.0)
+    table = carried(study, tmp_path).read_results()
+    assert table["outcome"].to_pylist() == ["timed_out", rows.LATE, "timed_out"]
+    assert table["reason"][1].as_py() == "not finished after 2 s of wall time"
+    assert "limit" in table["remedy"][1].as_py()
 
 
 def test_a_folder_of_another_study_is_refused_with_the_difference(tiny, tmp_path):
@@ -265,13 +182,10 @@ def test_a_folder_of_another_study_is_refused_with_the_difference(tiny, tmp_path
         StudyFolder.create(tmp_path, tiny(repeats=3), "")
     many = {"repeats": 3, "seed": 1, "limit": 5.0, "seeds": "repeats", "chunk": 3}
     assert study_folder.describe_difference(tiny(), tiny(**many)).count(";") == 4
-    assert study_folder.describe_difference(tiny(), tiny(**many, traces=True)).endswith(
-        "; and 1 more"
-    )
-    other = tiny(experiment={"plant": "free", "duration": 0.2})
-    told = "experiment.duration was 0.1, is 0.2.*lag was 0.0, is not"
-    with pytest.raises(StudyError, match=told):
-        StudyFolder.create(tmp_path, other, "")
+    told = study_folder.describe_difference(tiny(), tiny(**many, traces=True))
+    assert told.endswith("; and 1 more")
+    with pytest.raises(StudyError, match="experiment.duration was 0.1, is 0.2.*lag was 0.0, is no"):
+        StudyFolder.create(tmp_path, tiny(experiment={"plant": "free", "duration": 0.2}), "")
 
 
 def test_a_folder_of_which_no_run_was_kept_takes_another_study(tiny, tmp_path):
@@ -287,8 +201,6 @@ def test_a_folder_of_which_no_run_was_kept_takes_another_study(tiny, tmp_path):
 
 def test_a_study_file_that_was_edited_is_refused(tiny, tmp_path):
     study = tiny()
-    import yaml
-
     made = StudyFolder.create(tmp_path, study, yaml.safe_dump(study.to_mapping()))
     made.check_file()
     (tmp_path / "study.yaml").write_text(yaml.safe_dump({**study.to_mapping(), "repeats": 9}))
@@ -299,22 +211,20 @@ def test_a_study_file_that_was_edited_is_refused(tiny, tmp_path):
 def test_folders_that_are_none(tiny, tmp_path):
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "letter").write_text("dear")
-    with pytest.raises(StudyError, match="is not empty and does not contain a study"):
-        StudyFolder.create(tmp_path / "full", tiny(), "")
-    with pytest.raises(StudyError, match=r"has no study \(manifest.json"):
-        StudyFolder.open(tmp_path / "nowhere")
-    with pytest.raises(StudyError, match="cannot write /dev/null/out"):
-        StudyFolder.create(tmp_path / "/dev/null/out", tiny(), "")
-    (tmp_path / "manifest.json").write_text("{}")
-    with pytest.raises(StudyError, match="is not the manifest of a study"):
-        StudyFolder.open(tmp_path)
-    whole = StudyFolder.create(tmp_path / "whole", tiny(), "")
-    for key, told in (("chunk", "was written with another chunk "
-                                "size"), ("format", "in format 4, not 3")):
-        changed = json.dumps({**whole.manifest, key: 4})
-        (whole.path / "manifest.json").write_text(changed)
+    for path, told in ((tmp_path / "full", "is not empty and does not contain a study"),
+                       (Path("/dev/null/out"), "cannot write /dev/null/out")):  # fmt: skip
         with pytest.raises(StudyError, match=told):
-            StudyFolder.open(whole.path)
+            StudyFolder.create(path, tiny(), "")
+    manifest = StudyFolder.create(tmp_path / "whole", tiny(), "").manifest
+    for content, told in (
+        (None, r"has no study \(manifest.json"), ("{}", "is not the manifest of a study"),
+        (json.dumps({**manifest, "chunk": 4}), "was written with another chunk size"),
+        (json.dumps({**manifest, "format": 4}), "in format 4, not 3"),
+    ):  # fmt: skip
+        if content:
+            (tmp_path / "manifest.json").write_text(content)
+        with pytest.raises(StudyError, match=told):
+            StudyFolder.open(tmp_path)
 
 
 def test_runs_that_a_folder_keeps_are_counted(tiny, tmp_path):
@@ -327,23 +237,8 @@ def test_runs_that_a_folder_keeps_are_counted(tiny, tmp_path):
     assert study_folder.count_stored_runs(tmp_path) == 2
 
 
-def test_other_code_does_not_go_on_with_a_study(tiny, tmp_path):
-    made = StudyFolder.create(tmp_path, tiny(), "")
-    made.check_code()
-    manifest = made.manifest | {"versions": made.manifest["versions"] | {"numpy": "1.0"}}
-    (tmp_path / "manifest.json").write_text(json.dumps(manifest))
-    made = StudyFolder.open(tmp_path)
-    with pytest.raises(StudyError, match="started with other code .numpy .* here and.* 1.0 there"):
-        made.check_code()
-    with pytest.raises(StudyError, match="a worker has other versions: numpy"):
-        engine.run_missing(made, InProcessPool, None)
-    task = work.StudyChunk("{}", 0, versions=tuple(made.manifest["versions"].items()))
-    with pytest.raises(StudyError, match="a worker has other versions: numpy"):
-        work.carry_out(task)
-
-
-def test_changed_code_of_a_user_does_not_go_on_with_a_study(tiny, tmp_path, monkeypatch):
-    """Neither here nor at a worker: its runs would not go together."""
+def test_other_code_does_not_go_on_with_a_study(tiny, tmp_path, monkeypatch):
+    """Neither here nor at a worker: its runs would not go together. As numpy, so a user's code."""
     monkeypatch.syspath_prepend(tmp_path)
     mine = tmp_path / "my_own_metrics.py"
     mine.write_text("from aras_visual_servo_bench.metrics.metric import metric\n"
@@ -351,12 +246,21 @@ def test_changed_code_of_a_user_does_not_go_on_with_a_study(tiny, tmp_path, monk
     made = StudyFolder.create(tmp_path / "out", tiny(metrics=["my_own_metrics:one"]), "")
     made.check_code()
     mine.write_text(mine.read_text().replace("1.0", "2.0"))
-    with pytest.raises(StudyError, match="with other code .my_own_metrics [0-9a-f]{16} here"):
-        StudyFolder.open(tmp_path / "out").check_code()
-    known = tuple(made.manifest["versions"].items())
-    task = work.StudyChunk(json.dumps(made.study.to_mapping()), 0, versions=known)
-    with pytest.raises(StudyError, match="a worker has other versions: my_own_metrics"):
-        work.carry_out(task)
+    manifest = made.manifest | {"versions": made.manifest["versions"] | {"numpy": "1.0"}}
+    for text, name, told in (
+        (json.dumps(made.manifest), "my_own_metrics", "my_own_metrics [0-9a-f]{16} here"),
+        (json.dumps(manifest), "numpy", "numpy .* here and.* 1.0 there"),
+    ):  # fmt: skip
+        (made.path / "manifest.json").write_text(text)
+        made = StudyFolder.open(made.path)
+        with pytest.raises(StudyError, match=f"started with other code .*{told}"):
+            made.check_code()
+        known = tuple(made.manifest["versions"].items())
+        task = work.StudyChunk(json.dumps(made.study.to_mapping()), 0, versions=known)
+        for go_on in (lambda task=task: work.carry_out(task),
+                      lambda made=made: engine.run_missing(made, InProcessPool, None)):
+            with pytest.raises(StudyError, match=f"a worker has other versions: .*{name}"):
+                go_on()
 
 
 def test_a_module_without_a_file_is_unknown():
@@ -440,37 +344,6 @@ def test_the_digest_is_the_same_where_catkins_stubs_come_first(tmp_path):
     assert told.stdout.strip() == versions.compute_source_digest()
 
 
-def test_two_at_once_are_refused(tiny, tmp_path):
-    made = StudyFolder.create(tmp_path, tiny(), "")
-    with (
-        made.lock(),
-        pytest.raises(StudyError, match="being written by another"),
-        StudyFolder.open(tmp_path).lock(),
-    ):
-        pass
-    with made.lock():
-        pass
-
-
-def test_a_killed_process_leaves_a_folder_that_goes_on(tiny, tmp_path):
-    """Without the end of its `with`; what it has written is kept."""
-    study = tiny()
-    whole = carried(study, tmp_path / "whole")
-    made = StudyFolder.create(tmp_path / "out", study, "")
-    child = os.fork()
-    if not child:
-        with made.lock():
-            task = work.StudyChunk(json.dumps(study.to_mapping()), 1)
-            made.write_chunk(1, work.carry_out(task))
-            os.kill(os.getpid(), signal.SIGKILL)
-    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
-    again = StudyFolder.open(tmp_path / "out")
-    assert again.find_missing_chunks() == [0, 2]
-    with again.lock():
-        engine.run_missing(again, InProcessPool, None)
-    assert hashes(again.path) == hashes(whole.path)
-
-
 def test_a_full_disk_keeps_what_was_done(tiny, tmp_path, monkeypatch):
     study = tiny()
     carried(study, tmp_path / "whole")
@@ -519,13 +392,9 @@ def test_fail_fast_sends_nothing_more(tiny, tmp_path):
 
 def test_a_run_that_kills_its_process_is_found_named_and_recorded(tiny, tmp_path, monkeypatch):
     """In the middle of a chunk: the runs before and behind it are done all the same."""
-    monkeypatch.setattr(subprocess, "Popen", fork_workers)
     monkeypatch.syspath_prepend(os.path.dirname(__file__))
-    name = "test_engine:killing"
-    study = tiny(metrics=["success", name], chunk=3, repeats=1)
-    made = StudyFolder.create(tmp_path / "killed", study, "")
-    engine.run_missing(made, Dying, None)
-    table = made.read_results()
+    study = tiny(metrics=["success", "test_engine:killing"], chunk=3, repeats=1)
+    table = carried(study, tmp_path, Dying()).read_results()
     assert table["outcome"].to_pylist() == ["timed_out", rows.DIED, "timed_out"]
     assert table["reason"][1].as_py() == "the process of the run was ended by SIGKILL"
     assert table["killing"].to_pylist()[2] == 1.0 and table["gain"][1].as_py() == 2.0
@@ -600,21 +469,17 @@ def test_a_thread_s_run_that_takes_too_long_ends_its_process():
         with rows.limit_time(may):
             threading.Event().wait(takes)
 
-    def within(may, takes):
-        thread = threading.Thread(target=limited, args=(may, takes))
-        thread.start()
-        thread.join()
-
-    within(9.0, 0.0)
     before = signal.getsignal(signal.SIGALRM)
-    limited(9.0, 0.0)  # nor is anything left of it where signals come
+    limited(9.0, 0.0)  # nothing is left of it where signals come
     assert signal.getitimer(signal.ITIMER_REAL)[0] == 0.0
     assert signal.getsignal(signal.SIGALRM) is before
     children = {}
-    for takes, after, code in ((9.0, 0.0, 1), (0.0, 0.2, 0)):
+    for may, takes, after, code in ((0.05, 9.0, 0.0, 1), (0.05, 0.0, 0.2, 0)):
         child = os.fork()
         if not child:
-            within(0.05, takes)
+            thread = threading.Thread(target=limited, args=(may, takes))
+            thread.start()
+            thread.join()
             threading.Event().wait(after)
             os._exit(0)
         children[child] = code
@@ -646,71 +511,58 @@ def test_the_line_of_progress():
     now[0] = 10.0
     progress.add_runs(20, 3, walls("a", *[1.0] * 20), 2)
     assert "40/100 runs, 2/s, 3 without success, 30 s left" in out.getvalue()
-    progress.add_runs(1, 0)
-    assert out.getvalue().count("\n") == 1  # nobody wants a line a chunk in a log
-    now[0] = 20.0
-    progress.add_runs(1, 0)
-    assert out.getvalue().count("\n") == 2
+    for at, lines in ((10.0, 1), (20.0, 2)):  # nobody wants a line a chunk in a log
+        now[0] = at
+        progress.add_runs(1, 0)
+        assert out.getvalue().count("\n") == lines
     now[0] = 21.0
     progress.add_runs(58, 0)
     assert "100/100" in out.getvalue() and "0 s left" in out.getvalue()
-    assert StudyProgress(0).make_line().endswith("#] 0/0 runs, 0 without success, 0 s left")
-    untimed = StudyProgress(2, 1, io.StringIO())
-    untimed.add_runs(1, 0)
-    assert untimed.make_line().endswith(" 2/2 runs, 0 without success, 0 s left")
-    quick = StudyProgress(9, out=io.StringIO(), clock=lambda: 0.0)  # sooner than any clock shows
-    quick.add_runs(2, 0, walls("a", 0.0, 0.0))
-    assert quick.make_line().endswith(" 2/9 runs, 0 without success, 0 s left")
+    # nothing to do; no times; sooner than any clock shows
+    for total, done, more in ((0, 0, ()), (2, 1, ([],)), (9, 0, (walls("a", 0.0, 0.0),))):
+        progress = StudyProgress(total, done, io.StringIO(), clock=lambda: 0.0)
+        for times in more:
+            progress.add_runs(max(len(times), 1), 0, times)
+        shown = max(done + 1, 2) if total else 0
+        told = f" {shown}/{total} runs, 0 without success, 0 s left"
+        assert progress.make_line().endswith(told)
 
 
-@pytest.mark.parametrize("terminal", [True, False])
-def test_on_a_terminal_a_line_is_drawn_over_itself_until_it_is_gone(terminal):
-    out = io.StringIO()
-    out.isatty = lambda: terminal
-    shown = ProgressBar(out)
-    shown.show(0.25, "the first " + "x" * 40)
-    shown.show(1.0, "the second")
-    shown.close()
+def test_on_a_terminal_a_line_is_drawn_over_itself_until_it_is_gone():
+    """Not more often than it is seen; not at all in a file, and in a notebook, too."""
+    now, shown = [0.0], {}
+    for kind in ("terminal", "notebook", "file"):
+        out = io.StringIO() if kind != "notebook" else type(
+            "OutStream", (io.StringIO,), {"__module__": "ipykernel.iostream"})()
+        if kind == "terminal":
+            out.isatty = lambda: True
+        bar = ProgressBar(out, clock=lambda: now[0])
+        bar.show(0.25, "the first " + "x" * 40)
+        bar.show(1.0, "the second")
+        bar.close()
+        shown[kind] = out.getvalue()
+        progress = StudyProgress(4, 0, out, clock=lambda: 0.0)
+        out.truncate(0)
+        for _ in range(3):
+            progress.add_runs(1, 0)
+        progress.close()
+        assert out.getvalue().count("\r") == 3 * (kind != "file")
+        assert out.getvalue().count("\n") == 1 and out.getvalue().endswith("\n")
+        out.truncate(0)
+        for step in range(1001):
+            now[0] = 1e-3 * step
+            bar.show(step / 1000, "one")
+        assert (10 <= out.getvalue().count("\r") <= 13) == (kind != "file")
     quarter = f"\r[{'#' * 6}{'.' * 18}]  25 % e first {'x' * 40}\x1b[K"
     whole = f"\r[{'#' * 24}] 100 % the second\x1b[K\r\x1b[K"
-    assert out.getvalue() == (quarter + whole if terminal else "")
-    progress = StudyProgress(4, 0, out, clock=lambda: 0.0)
-    out.truncate(0)
-    for _ in range(3):
-        progress.add_runs(1, 0)
-    progress.close()
-    assert out.getvalue().count("\r") == 3 * terminal
-    assert out.getvalue().count("\n") == 1 and out.getvalue().endswith("\n")
+    assert shown == {"terminal": quarter + whole, "notebook": quarter + whole, "file": ""}
 
 
-def test_a_bar_is_not_drawn_more_often_than_it_is_seen():
-    now = [0.0]
-    out = io.StringIO()
-    out.isatty = lambda: True
-    shown = ProgressBar(out, clock=lambda: now[0])
-    for step in range(1001):
-        now[0] = 1e-3 * step
-        shown.show(step / 1000, "one")
-    assert 10 <= out.getvalue().count("\r") <= 12 and "100 %" in out.getvalue()
-
-
-def test_a_notebook_shows_a_bar_and_a_file_does_not():
-    stream = type("OutStream", (io.StringIO,), {"__module__": "ipykernel.iostream"})
-    for out, shown in ((stream(), True), (io.StringIO(), False)):
-        ProgressBar(out).show(0.5, "one")
-        assert out.getvalue().startswith("\r[####") is shown
-        progress = StudyProgress(4, 0, out)
-        progress.add_runs(1, 0)
-        assert out.getvalue().endswith("\n") is not shown
-
-
-@pytest.mark.parametrize(("seconds", "told"), [
-    (0.0, "0 s"), (89.4, "89 s"), (90.0, "2 min"), (5399.0, "90 min"), (5400.0, "1.5 h"),
-    (172799.0, "48.0 h"), (172800.0, "2.0 days"), (1e6, "11.6 days"),
-    (float("inf"), "unknown time"),
-])  # fmt: skip
-def test_times_are_told_in_a_unit_that_fits(seconds, told):
-    assert format_duration(seconds) == told
+def test_times_are_told_in_a_unit_that_fits():
+    told = {0.0: "0 s", 89.4: "89 s", 90.0: "2 min", 5399.0: "90 min", 5400.0: "1.5 h",
+            172799.0: "48.0 h", 172800.0: "2.0 days", 1e6: "11.6 days",
+            float("inf"): "unknown time"}  # fmt: skip
+    assert {seconds: format_duration(seconds) for seconds in told} == told
 
 
 def test_the_first_line_does_not_take_compiling_for_the_rate():

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pyarrow as pa
 import pytest
+from made_studies import write_study
 
 from aras_visual_servo_bench.cli import main
 from aras_visual_servo_bench.errors import StudyError
@@ -47,11 +48,6 @@ def made(success, settled, name="one", seeds=None, gains=(1.0, 2.0), **case):
         **{key: [value] * len(success) for key, value in case.items()},
     })  # fmt: skip
     return Results(name, study, table)
-
-
-def test_a_table_of_several_studies_names_them():
-    several = tables.make_table([made([1, 1], [1, 1]), made([0, 0], [1, 1], "two")])
-    assert several.keys[0] == "study" and several.rows[3][0] == ("two", 2.0)
 
 
 def test_a_column_is_written_in_one_notation():
@@ -97,47 +93,40 @@ def test_numbers_beside_each_other_are_all_plain_or_all_raised():
 
 
 def test_a_table_says_why_runs_failed():
-    results = made([1, 0, 0, 0, 0, 0, 1, 1, 1, 1], [1.0] * 10)
-    lost = "over the left border at {} s"
-    columns = {
-        "outcome": ["converged", "joint_limit", *["target_lost"] * 2, "converged"] + ["x"] * 5,
-        "verdict": ["goal_reached", "", "", "", "goal_missed"] + [""] * 5,
-        "reason": ["", *map(lost.format, (0.2, 0.31, 0.4)), ""] + ["ca | b " * 15] * 5,
-    }
-    table = results.table.drop_columns(list(columns))
-    for name, values in columns.items():
-        table = table.append_column(name, pa.array(values))
-    found = tables.make_table([Results("one", results.study, table)])
-    assert found.failures[0] == "2 of 4 target_lost: over the left border at 0.31 s"
-    assert found.failures[1].startswith("1 of 1 x: ca | b ca")
-    assert found.failures[1].endswith("b ca | …") and len(found.failures[1]) == 100
-    assert r"| 1 of 1 x: ca \| b ca" in tables.format_table(found, "md")
-    assert "2 of 4 target_lost: over" in tables.format_table(found, "csv")
-    assert "over the left border" not in tables.format_table(found, "tex")
-    for reason, told in (("", ""), ("a b" * 30, ": " + "a b" * 30)):
-        missed = results.table.take([4]).drop_columns(list(columns))
-        for name, values in {**columns, "reason": [reason] * 5}.items():
-            missed = missed.append_column(name, pa.array(values[4:5]))
-        found = tables.make_table([Results("one", results.study, missed)])
-        assert found.failures == ("1 of 1 converged, goal_missed" + told,)
+    """More of it: test_recomputed.py."""
+    results = made([0] * 4, [1.0] * 4)
+    found = {}
+    for reason in ("", "a b" * 30, "ca | b " * 15):
+        table = results.table
+        for name, value in (("outcome", "converged"), ("verdict", "goal_missed"),
+                            ("reason", reason)):  # fmt: skip
+            table = table.drop_columns([name]).append_column(name, pa.array([value] * 4))
+        found[reason] = tables.make_table([Results("one", results.study, table)])
+    head = "2 of 2 converged, goal_missed"
+    long = f"{head}: {('ca | b ' * 15)[:88]} …"
+    assert [one.failures for one in found.values()] == [
+        (head,) * 2, (f"{head}: {'a b' * 30}",) * 2, (long,) * 2]
+    for style, told in (("md", r"ca \| b ca"), ("csv", "ca | b ca")):
+        assert told in tables.format_table(found["ca | b " * 15], style)
+    assert "ca" not in tables.format_table(found["ca | b " * 15], "tex").partition("midrule")[2]
+    several = tables.make_table([results, made([0, 0], [1, 1], "two")])
+    assert several.keys[0] == "study" and several.rows[3][0] == ("two", 2.0)
 
 
-@pytest.mark.parametrize(("key", "unit"), [
-    ("delay", "s"), ("gain", "1/s"), ("start.side", "m"), ("target.size", "m"),
-    ("target.motion.frequency", "Hz"), ("controller_parameters.max_velocity", "m/s or rad/s"),
-    ("controller_parameters.smoothing", "s"), ("calibration_offset.focal", ""), ("law", ""),
-    ("no_such_key", ""),
-    ("start.turn", ""),  # rad of a drawn start, degrees of a relative one
-    ("camera.width", ""), ("options", ""), ("controller_parameters.none", ""),
-])  # fmt: skip
-def test_a_setting_has_the_unit_that_its_class_says(key, unit):
-    assert find_unit(key) == unit
+def test_a_setting_has_the_unit_that_its_class_says():
+    units = {
+        "delay": "s", "gain": "1/s", "start.side": "m", "target.motion.frequency": "Hz",
+        "controller_parameters.max_velocity": "m/s or rad/s", "calibration_offset.focal": "",
+        "law": "", "no_such_key": "", "controller_parameters.none": "",
+        "start.turn": "",  # rad of a drawn start, degrees of a relative one
+    }  # fmt: skip
+    assert {key: find_unit(key) for key in units} == units
 
 
 def test_words_are_safe_in_latex_and_markdown():
     rate = (tables.StatisticColumn("success", "", tables.RATE),)
-    table = tables.Table(("my_key",), rate, ((("50 % | x",), 2, (
-        statistics.proportion(1, 2),)),))  # fmt: skip
+    row = ("50 % | x",), 2, (statistics.proportion(1, 2),)
+    table = tables.Table(("my_key",), rate, (row,))
     tex = tables.format_table(table, "tex")
     assert r"my\_key" in tex and r"50 \% \textbar{} x" in tex
     assert r"50 % \| x" in tables.format_table(table, "md")
@@ -146,41 +135,31 @@ def test_words_are_safe_in_latex_and_markdown():
 
 
 def test_differences_that_are_more_than_chance_are_told_with_their_direction():
-    rng = np.random.default_rng(1)
-    times = rng.uniform(1.0, 2.0, 40)
-    one = made([1] * 40, times)
-    faster = [*(times[:20] * 0.9), *(times[20:] * 1.1)]
-    two = made([1] * 40, faster, "two")
-    found = {(d.group, d.metric): d for d in one.compare(two).differences}
-    assert found["gain=1.0", "settled"].verdict == compare.BETTER
-    assert found["gain=2.0", "settled"].verdict == compare.WORSE
-    assert found["gain=1.0", "success"].verdict == compare.CHANCE
-    assert found["gain=1.0", "settled"].comparison.paired
-    whole = one.compare(two)
-    found = list(whole.differences)
-    sure = sorted((d for d in found if d.verdict != compare.CHANCE), key=lambda d: d.p)
-    for shown in (sure, found):
-        text = whole.describe(shown is found)
-        lines, last = text.splitlines()[:-1], text.splitlines()[-1]
+    """Their numbers: test_recomputed.py."""
+    times = np.random.default_rng(1).uniform(1.0, 2.0, 40)
+    one, faster = made([1] * 40, times), [*(times[:20] * 0.9), *(times[20:] * 1.1)]
+    whole = one.compare(made([1] * 40, faster, "two"))
+    found = {(d.group, d.metric): d.verdict for d in whole.differences}
+    assert found["gain=1.0", "settled"] == compare.BETTER
+    assert found["gain=2.0", "settled"] == compare.WORSE
+    assert found["gain=1.0", "success"] == compare.CHANCE
+    sure = sorted((d for d in whole.differences if d.verdict != compare.CHANCE), key=lambda d: d.p)
+    for is_all, shown in ((False, sure), (True, whole.differences)):
+        *lines, last = whole.describe(is_all).splitlines()
         assert [line.split()[:2] for line in lines] == [[d.verdict, d.metric] for d in shown]
         assert last.startswith("2 of 4 differences")
     prompt, late = made([1] * 40, times, delay=0.0), made([1] * 40, faster, "two", delay=0.1)
     assert all(d.comparison.paired and d.comparison.count == 20
                for d in prompt.compare(late, by=["gain"]).differences)
-    other_seeds = made([1] * 40, faster, "two", seeds=range(100, 140))
-    found = one.compare(other_seeds).differences
-    assert not any(d.comparison.paired for d in found)
-    for shift, paired in ((1, True), (2, False)):  # nine of ten must have a partner
-        found = [made([1] * 10, range(10), name, range(first, first + 10), gains=[1.0])
-                 for name, first in (("one", 0), ("two", shift))]  # fmt: skip
-        differences = found[0].compare(found[1]).differences
-        assert {(d.comparison.paired, d.comparison.count) for d in differences} == {
-            (paired, 10 - paired)
-        }
-    found = [made([1, 1], [1, 2], name, seeds=[seed] * 2)
-             for name, seed in (("one", 7), ("two", 7), ("three", 8))]
-    for other, paired in zip(found[1:], (True, False), strict=True):
-        assert all(d.comparison.paired is paired for d in found[0].compare(other).differences)
+    ten = {"success": [1] * 10, "settled": range(10), "gains": [1.0]}
+    two = {"success": [1, 1], "settled": [1, 2]}
+    for given, one_s, two_s, pairs in (
+        (ten, range(10), range(1, 11), 9), (ten, range(10), range(2, 12), 0),
+        (two, [7] * 2, [7] * 2, 1), (two, [7] * 2, [8] * 2, 0),
+    ):  # fmt: skip
+        found = made(**given, seeds=one_s).compare(made(**given, name="two", seeds=two_s))
+        assert {(d.comparison.paired, d.comparison.count) for d in found.differences} == {
+            (pairs > 0, pairs or (10 if given is ten else 1))}
     with pytest.raises(StudyError, match="no settings .* in common"):
         one.compare(made([1, 1], [1, 1], gains=(7.0, 8.0)))
 
@@ -229,22 +208,16 @@ def test_a_key_that_is_looked_for_no_longer_varies(tmp_path, capsys):
 
 def answering(measure):
     """Function that stores a study whose runs have the results `measure(gain, repeat)`."""
-    def carry(study, path):
-        folder = StudyFolder.create(path, study, "")
-        for chunk in folder.find_missing_chunks():
-            done = []
-            for run in study.list_chunk_runs(chunk):
-                row = rows.make_blank_row(study, run)
-                done.append({**row, "outcome": "x", **measure(row["gain"], row["repeat"])})
-            folder.write_chunk(chunk, rows.RunRows(done, [{"run": row["run"]} for row in done]))
+    def make(study, run):
+        row = rows.make_blank_row(study, run)
+        return {"outcome": "x", **measure(row["gain"], row["repeat"])}
 
-    return carry
+    return lambda study, path: write_study(path, study, make)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_a_search_ends_where_the_image_does(tmp_path, seed):
+def test_a_search_ends_where_the_image_does(tmp_path):
     """Greater gains are better here, and those above 2 leave the image."""
-    study = Study.from_mapping({"experiment": {"plant": "free"}, "seed": seed})
+    study = Study.from_mapping({"experiment": {"plant": "free"}, "seed": 1})
     tuner = Tuner(study, [SearchRange("gain", 0.5, 4.0)], "settled", tmp_path, answering(
         lambda gain, _: {"success": 1.0, "settled": 10.0 - gain, "image_excursion": gain / 2.0}
     ))  # fmt: skip
@@ -264,31 +237,25 @@ def test_a_range_of_ten_times_or_more_is_searched_by_factors_in_six_digits(text,
 @pytest.mark.parametrize(("words", "complaint"), [
     (["gain"], "is not a range"),
     (["gain=2:1"], "low < high"), (["gain=2:inf"], "finite"), (["gain=-inf:2"], "finite"),
-    (["gian=1:2"], "did you mean gain"),
-    ([], "there is no key to search"),
-    (["gain=1:2", "gain=1:3"], "varied twice"),
-    (["delay=0:1"], "varied twice"),
+    (["gian=1:2"], "did you mean gain"), ([], "there is no key to search"),
+    (["gain=1:2", "gain=1:3"], "varied twice"), (["delay=0:1"], "varied twice"),
 ])  # fmt: skip
 def test_searches_that_are_none(tiny, words, complaint):
+    study = tiny(vary={"delay": [0.0]})
     with pytest.raises(StudyError, match=complaint):
-        Tuner(
-            tiny(vary={"delay": [0.0]}), list(map(SearchRange.parse, words)), "settled", None, None
-        )
+        Tuner(study, list(map(SearchRange.parse, words)), "settled", None, None)
 
 
 def test_a_search_of_too_few_candidates_or_over_cases_is_none(tiny):
-    def searched(evaluations=24, needed=1.0, **changes):
-        study = tiny(**{"vary": {}, **changes})
-        tuner = Tuner(study, [SearchRange("gain", 0.5, 4.0)], "settled", None, None, needed)
-        return tuner.search(evaluations)
-
-    with pytest.raises(StudyError, match="15 evaluations are too few: give at least 16"):
-        searched(15)
-    with pytest.raises(StudyError, match="a study with cases cannot be tuned"):
-        searched(cases=[{"delay": 0.0}, {"delay": 0.1}])
-    for needed in (-0.1, 1.1):
-        with pytest.raises(StudyError, match=f"success rate is {needed:g}, must be from 0 to 1"):
-            searched(needed=needed)
+    for told, evaluations, needed, cases in (
+        ("15 evaluations are too few: give at least 16", 15, 1.0, ()),
+        ("a study with cases cannot be tuned", 24, 1.0, [{"delay": 0.0}, {"delay": 0.1}]),
+        ("success rate is -0.1, must be from 0 to 1", 24, -0.1, ()),
+        ("success rate is 1.1, must be from 0 to 1", 24, 1.1, ()),
+    ):
+        with pytest.raises(StudyError, match=told):
+            study, ranges = tiny(vary={}, cases=cases), [SearchRange("gain", 0.5, 4.0)]
+            Tuner(study, ranges, "settled", None, None, needed).search(evaluations)
 
 
 def test_a_run_is_shown_again_as_it_was(tiny, tmp_path):
@@ -322,10 +289,9 @@ def test_a_video_has_the_colours_and_the_rate_of_its_pictures(tmp_path):
     red = np.zeros((32, 48, 3), np.uint8)
     red[..., 0] = 220
     for stamp, rate in (([0.0], 30.0), ([0.0, 0.1], 10.0)):
-        made = with_images(replace(finished, states=finished.states[:len(stamp)]),
-                           [(at, red) for at in stamp])  # fmt: skip
-        made = replace(made, states=tuple(
-            replace(state, stamp=at) for state, at in zip(made.states, stamp, strict=True)))
+        states = tuple(replace(state, stamp=at)
+                       for state, at in zip(finished.states, stamp, strict=False))  # fmt: skip
+        made = with_images(replace(finished, states=states), [(at, red) for at in stamp])
         video = cv2.VideoCapture(str(write_video(made, tmp_path / "video.mp4")))
         assert video.get(cv2.CAP_PROP_FPS) == pytest.approx(rate)
         blue, green, red_there = video.read()[1].mean(axis=(0, 1))
@@ -373,15 +339,6 @@ def test_runs_of_a_study_are_analyzed_beside_each_other(tiny, tmp_path, capsys):
     assert "there is no run 6" in capsys.readouterr().err
     assert main(["show", str(out)]) == 1
     assert "give the number of a run" in capsys.readouterr().err
-
-
-def test_a_study_that_names_the_file_of_its_experiment_is_resumed(tmp_path, capsys):
-    (tmp_path / "base.yaml").write_text("{plant: free, duration: 0.1}\n")
-    file, out = tmp_path / "study.yaml", tmp_path / "out"
-    file.write_text("experiment: base.yaml\n")
-    assert main(["run", str(file), "--out", str(out), "--in-process", "--no-report"]) == 0
-    assert main(["resume", str(out), "--in-process", "--no-report"]) == 0
-    assert "all 1 runs are in" in capsys.readouterr().out
 
 
 def test_the_command_line_from_file_to_table(tmp_path, capsys):
@@ -455,17 +412,13 @@ def test_candidates_cost_what_their_runs_show(tmp_path, metric):
 
 def test_a_study_is_judged_by_the_metric_that_it_names(tiny, tmp_path):
     study = tiny(judged="reduced", metrics=["success", "reduced"], repeats=1, vary={}, chunk=1)
-    folder = StudyFolder.create(tmp_path / "out", study, "")
-    row = {**rows.make_blank_row(study, 0), "outcome": "timed_out", "success": 0.0, "reduced": 1.0,
-           "simulated": 2.0}  # fmt: skip
-    folder.write_chunk(
-        0, rows.RunRows([row], [{"run": 0, "wall": 0.0, "processor": 1.0, "worker": "w"}])
-    )
-    found = Results.read(tmp_path / "out")
+    row = {"outcome": "timed_out", "success": 0.0, "reduced": 1.0, "simulated": 2.0}
+    found = Results.read(write_study(tmp_path, study, lambda *_: row, wall=lambda run: 0.0))
     assert found.compute_successes().tolist() == [1.0]
     with pytest.raises(StudyError, match="column 'outcome' contains text, not numbers"):
         found.read_numbers("outcome")
     assert np.isnan(found.read_numbers("real_time_multiple"))  # sooner than any clock shows
+    row["verdict"] = ""
     assert engine.is_success(row, study.judged) and not engine.is_success(row)
     assert study.digest == tiny(metrics=["success", "reduced"], repeats=1, vary={}, chunk=1).digest
     assert engine.is_success({"outcome": "x"}) and not engine.is_success({"outcome": rows.FAULT})
@@ -477,12 +430,8 @@ def test_where_a_number_is_published_a_row_says_whether_it_is_met(tiny, tmp_path
     pace = [{"name": "slow", "set": {"gain": 0.5}, "published": {"outcome": "x", "images": 7}},
             {"name": "fast", "set": {"gain": 2.0}}]  # fmt: skip
     study = tiny(vary={}, cases={"pace": pace}, chunk=4)
-    folder = StudyFolder.create(tmp_path / "out", study, "")
-    done = [
-        {**rows.make_blank_row(study, run), "outcome": "x", "images": 7 + run} for run in range(4)
-    ]
-    folder.write_chunk(0, rows.RunRows(done, [{"run": 0, "wall": 1.0, "worker": "w"}]))
-    table = Results.read(tmp_path / "out").table
+    path = write_study(tmp_path, study, lambda _, run: {"outcome": "x", "images": 7 + run})
+    table = Results.read(path).table
     assert table["published"].to_pylist() == ["outcome x, images 7"] * 2 + [""] * 2
     assert table["met"].to_pylist() == [True, False, None, None]
 

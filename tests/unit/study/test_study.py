@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import collections
 import copy
 import dataclasses
 import datetime
@@ -16,7 +15,6 @@ from scipy import stats
 
 from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.experiment import overrides
-from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.studies import run_rows as rows
 from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_bench.studies.study_execution import check_study
@@ -25,7 +23,7 @@ from aras_visual_servo_bench.studies.study_folder import StudyFolder
 FREE = {"plant": "free"}
 
 
-def drawn(n=4096, sampling="random", **vary):
+def drawn(n, sampling="random", **vary):
     study = Study.from_mapping(
         {"experiment": FREE, "vary": vary, "samples": n, "sampling": sampling}
     )
@@ -36,44 +34,17 @@ def drawn(n=4096, sampling="random", **vary):
 def test_a_grid_has_every_combination_once_and_the_last_key_changes_first():
     study = Study.from_mapping({
         "experiment": FREE, "vary": {"law": ["proportional", "adaptive"], "gain": [1, 2, 3]},
-        "repeats": 2,
+        "cases": [{"scheme": "moments"}, {"scheme": "points", "delay": 0.1}], "repeats": 2,
     })  # fmt: skip
-    assert (study.point_count, study.run_count) == (6, 12)
-    assert [tuple(study.make_settings(p).values()) for p in range(6)] == [
-        (law, gain) for law in ("proportional", "adaptive") for gain in (1, 2, 3)
-    ]
-    made = [study.make_experiment(run) for run in range(12)]
-    assert [e.gain for e in made] == [1, 1, 2, 2, 3, 3] * 2
-    assert [e.law for e in made] == ["proportional"] * 6 + ["adaptive"] * 6
-
-
-def test_cases_go_with_each_point_of_the_grid():
-    study = Study.from_mapping({
-        "experiment": FREE, "vary": {"gain": [1.0, 2.0]},
-        "cases": [{"scheme": "moments"}, {"scheme": "points", "delay": 0.1}],
-    })  # fmt: skip
-    assert study.keys == ("scheme", "delay", "gain")
-    found = [study.make_settings(p) for p in range(study.point_count)]
-    assert found[3] == {"scheme": "points", "delay": 0.1, "gain": 2.0}
-    assert found[0] == {"scheme": "moments", "gain": 1.0}
-    assert study.point_count == 4
-
-
-@pytest.mark.parametrize("sampling", ["random", "sobol"])
-def test_what_is_drawn_has_its_distribution(sampling):
-    values = drawn(
-        sampling=sampling, delay={"uniform": [0.01, 0.03]}, gain={"loguniform": [0.5, 8.0]},
-        lag={"normal": [5.0, 0.5]}, seed={"integers": [3, 6]}, law={"choice": ["a", "b"]},
-    )  # fmt: skip
-    assert stats.kstest(values["delay"], stats.uniform(0.01, 0.02).cdf).pvalue > 1e-3
-    assert stats.kstest(values["gain"], stats.loguniform(0.5, 8.0).cdf).pvalue > 1e-3
-    assert stats.kstest(values["lag"], stats.norm(5.0, 0.5).cdf).pvalue > 1e-3
-    counts = collections.Counter(values["seed"])
-    assert set(counts) == {3, 4, 5, 6}
-    assert stats.chisquare(list(counts.values())).pvalue > 1e-3
-    assert 0.45 < values["law"].count("a") / 4096 < 0.55
-    # Each key has numbers of its own.
-    assert abs(np.corrcoef(values["delay"], values["gain"])[0, 1]) < 0.06
+    assert (study.point_count, study.run_count) == (12, 24)
+    assert study.keys == ("scheme", "delay", "law", "gain")
+    settings = [{**case, "law": law, "gain": gain}
+                for case in ({"scheme": "moments"}, {"scheme": "points", "delay": 0.1})
+                for law in ("proportional", "adaptive") for gain in (1, 2, 3)]  # fmt: skip
+    assert [study.make_settings(p) for p in range(12)] == settings
+    made = [study.make_experiment(run) for run in range(24)]
+    assert [(e.law, e.gain) for e in made] == [
+        (one["law"], one["gain"]) for one in settings for _ in range(2)]
 
 
 def test_values_are_drawn_as_numpy_says_so_that_anyone_can_work_them_out():
@@ -91,9 +62,10 @@ def test_values_are_drawn_as_numpy_says_so_that_anyone_can_work_them_out():
 
 
 def test_seeds_are_of_the_runs_number_and_the_studys_seed():
-    def of(**changes):
+    def of(count=1000, **changes):
         study = Study.from_mapping({"experiment": FREE, "repeats": 1000, **changes})
-        return [study.compute_seed(run) for run in range(1000)]
+        assert study.make_experiment(3).seed == study.compute_seed(3)
+        return [study.compute_seed(run) for run in range(count)]
 
     one = of()
     assert len(set(one)) == 1000 and min(one) >= 0 and max(one) < 2**63
@@ -101,14 +73,8 @@ def test_seeds_are_of_the_runs_number_and_the_studys_seed():
     # As numpy says it, so that anyone can work a run's seed out.
     state = np.random.SeedSequence(0, spawn_key=(7,)).generate_state(1, np.uint64)[0]
     assert one[7] == int(state) >> 1
-
-
-def test_repeats_can_have_the_same_seeds_at_every_point():
-    study = Study.from_mapping({
-        "experiment": FREE, "vary": {"gain": [1.0, 2.0]}, "repeats": 3, "seeds": "repeats"})
-    seeds = [study.compute_seed(run) for run in range(6)]
-    assert seeds[:3] == seeds[3:] and len(set(seeds)) == 3
-    assert [study.make_experiment(run).seed for run in range(6)] == seeds
+    same = of(6, vary={"gain": [1.0, 2.0]}, repeats=3, seeds="repeats")
+    assert same[:3] == same[3:] and len(set(same)) == 3
 
 
 def test_chunks_cover_all_runs_once(tiny):
@@ -169,11 +135,9 @@ def test_an_experiment_in_a_file_beside_the_study(tmp_path):
 
 
 @pytest.mark.parametrize(("changes", "complaint"), [
-    ({"repeats": 0}, "repeats is 0, must be >= 1"),
     ({"samples": 0}, "samples is 0, must be >= 1"),
     ({"vary": {"gain": []}}, "vary.gain is an empty list: give at least one value"),
     ({"repeats": 10**12}, "e.12 runs are more than 1e.08"),
-    ({"vary": {"gian": [1.0]}}, "no 'gian': did you mean gain"),
     ({"vary": {"start.heigth": [1.0]}}, "no 'start.heigth': did you mean start.height"),
     ({"vary": {"calibration_offset.focus": [1.0]}}, "no 'calibration_offset.focus'"),
     ({"vary": {"gain.deeper": [1.0]}}, "gain has no keys below it"),
@@ -182,9 +146,7 @@ def test_an_experiment_in_a_file_beside_the_study(tmp_path):
     ({"cases": {"lens": [{"name": "a", "sett": {}}]}}, "'cases.lens.0..sett': did you mean 'set'"),
     ({"cases": [{"gain": 2.0}]}, "'gain' is both under vary and in cases"),
     ({"vary": {"gain": {"uniform": [float("nan"), 2.0]}}}, "uniform.0. is nan, must be a finite"),
-    ({"vary": {"gain": {"normal": [1.0, float("inf")]}}}, "normal.1. is inf, must be a finite"),
     ({"vary": {"gain": {"normal": [1.0, 0.0]}}}, "deviation is 0, must be above 0"),
-    ({"vary": {"gain": {"uniform": [2.0, 1.0]}}}, ".2, 1., must be .low, high. with low < high"),
     ({"vary": {"gain": {"uniform": [1.0, 1.0]}}}, ".1, 1., must be .low, high. with low < high"),
     ({"vary": {"gain": {"loguniform": [0.0, 1.0]}}}, "must be .low, high. with 0 < low < high"),
     ({"vary": {"gain": {"unifrom": [1.0, 2.0]}}}, "unknown key 'unifrom': did you mean 'uniform'"),
@@ -195,16 +157,13 @@ def test_an_experiment_in_a_file_beside_the_study(tmp_path):
     ({"vary": {"gain": 2.0}}, "put a constant value under experiment"),
     ({"samples": 2}, "samples is 2, but no key has a distribution"),
     ({"sampling": "sobel"}, "sampling is 'sobel': did you mean 'sobol'"),
-    ({"seeds": "run"}, "seeds is 'run': did you mean 'runs'"),
     ({"metrics": ["settle"]}, "unknown metric 'settle': did you mean 'settled'"),
     ({"metrics": ["nowhere.at_all:it"]}, "nowhere"),
     ({"metrics": ["math:pi"]}, "math:pi is not a metric"),
-    ({"chunk": 0}, "chunk is 0"),
     ({"seed": -1}, "seed is -1"),
     ({"experiment": {**FREE, "seed": 3}}, "seed belongs to the study"),
     ({"experiment": [1]}, "experiment is .1., must be a mapping or a text"),
     ({"repetas": 2}, "unknown key 'repetas': did you mean 'repeats'"),
-    ({"repeats": "many"}, "repeats is 'many', must be a whole number"),
 ])  # fmt: skip
 def test_what_is_no_study_is_refused_in_a_line(tiny, changes, complaint):
     with pytest.raises(StudyError, match=complaint) as caught:
@@ -212,24 +171,9 @@ def test_what_is_no_study_is_refused_in_a_line(tiny, changes, complaint):
     assert "\n" not in str(caught.value)
 
 
-def test_a_study_that_was_changed_is_looked_at_again(tiny):
-    with pytest.raises(StudyError, match="samples is 0, must be >= 1"):
-        dataclasses.replace(tiny(), samples=0)
-
-
-def test_what_yaml_has_and_no_study_is_refused_before_it_is_begun(tiny, tmp_path):
-    day = datetime.date(2026, 2, 1)
-    study = tiny(vary={}, cases={"a": [{"name": "b", "published": {"outcome": day}}]})
-    told = r"^datetime.date\(2026, 2, 1\) cannot be used in a study: use numbers, texts"
-    with pytest.raises(StudyError, match=told):
-        StudyFolder.create(tmp_path / "out", study, "")
-
-
 @pytest.mark.parametrize(("changes", "complaint"), [
     ({"experiment": {"plant": "fre"}}, "plant is 'fre'"),
     ({"vary": {"gain": [1.0, -1.0]}}, "gain is -1.0, must be > 0"),
-    ({"vary": {"gain": [1.0, "high"]}}, "gain is 'high'"),
-    ({"vary": {"gain": [1.0, float("nan")]}}, "gain is nan"),
     ({"vary": {"scheme": ["moments", "momments"]}}, "momments.*did you mean 'moments'"),
     ({"vary": {"controller_parameters.max_velocty": [0.1]}}, "max_velocty.*max_velocity"),
     ({"vary": {"camera": ["original", "fisheys"]}}, "fisheys.*did you mean 'fisheye'"),
@@ -247,8 +191,7 @@ def test_every_value_is_tried_before_the_first_run(tiny, changes, complaint):
 
 
 @pytest.mark.parametrize(("words", "complaint"), [
-    (["gain"], "'gain' is not an override"),
-    (["=2"], "not an override"),
+    (["gain"], "'gain' is not an override"), (["=2"], "not an override"),
     (["gain=[1"], "not valid YAML"),
 ])  # fmt: skip
 def test_overrides_that_are_none(words, complaint):
@@ -256,11 +199,17 @@ def test_overrides_that_are_none(words, complaint):
         overrides.parse_overrides(words)
 
 
-def test_a_key_below_a_name_cannot_be_set():
+def test_what_cannot_be_set_or_written_is_refused(tiny, tmp_path):
+    with pytest.raises(StudyError, match="samples is 0, must be >= 1"):
+        dataclasses.replace(tiny(), samples=0)
     study = Study.from_mapping({"experiment": {**FREE, "start": "2016"},
                                 "vary": {"start.side": [0.1]}})  # fmt: skip
     with pytest.raises(StudyError, match="'start.side' cannot be set: start is '2016', which has"):
         study.make_experiment(0)
+    cases = {"a": [{"name": "b", "published": {"outcome": datetime.date(2026, 2, 1)}}]}
+    told = r"^datetime.date\(2026, 2, 1\) cannot be used in a study: use numbers, texts"
+    with pytest.raises(StudyError, match=told):
+        StudyFolder.create(tmp_path, Study.from_mapping({"experiment": FREE, "cases": cases}), "")
 
 
 NOISY = {"preset": "noisy", "effects": {"drop_probability": 0.3}}
@@ -309,25 +258,6 @@ def test_an_override_changes_the_key_that_it_names_and_nothing_else(here, settin
     before = copy.deepcopy(here)
     assert overrides.with_overrides(here, settings) == wanted
     assert here == before
-
-
-def test_an_override_of_a_preset_acts_the_same_however_it_is_written(tmp_path):
-    key, value = "camera.effects.drop_probability", 0.3
-    base = {**FREE, "camera": "wide"}
-    file = tmp_path / "study.yaml"
-    file.write_text(yaml.safe_dump({"experiment": base}))
-    written = [
-        Study.from_mapping({"experiment": base, "vary": {key: [value]}}).make_experiment(0),
-        Study.from_mapping({"experiment": base, "cases": [{key: value}]}).make_experiment(0),
-        Study.from_mapping({"experiment": base, "cases": {"a": [
-            {"name": "b", "set": {key: value}}]}}).make_experiment(0),
-        Study.from_yaml(file, overrides.parse_overrides([f"{key}={value}"])).make_experiment(0),
-    ]
-    assert len({str(dict(one.camera)) for one in written}) == 1
-    parts = assemble(written[0])
-    wide = assemble(written[0].with_changes(camera="wide"))
-    assert parts.cameras["camera"].true_camera == wide.cameras["camera"].true_camera
-    assert parts.plant.imaging.effects.drop_probability == value
 
 
 def test_a_study_that_has_run_can_be_sent_to_another_process():

@@ -29,118 +29,61 @@ ALLOWED = {
 }
 
 
-# Nodes of camera and controller: thin.
-NODES = (
-    LIBRARIES["aras_visual_servo_camera"] / "node.py",
-    LIBRARIES["aras_visual_servo_controller"] / "ros" / "node.py",
-)
-LONGEST_NODE = 110  # lines
-
 # The floors of a package: a room, a folder or a module, imports from rooms on lower floors,
 # never from one on its own floor. A room of a folder, as web/live, is named where its own floor is
 # another than the folder's.
 FLOORS = {
     "aras_sim_bridge": (
-        {"errors"},
-        {"angles"},
-        {"pose_interpolation"},
-        {"description"},
-        {"control", "world"},
-        {"rendering", "control_cycle"},
-        {"camera", "controlled_model", "lighting", "sensors"},
-        {"simulation"},
-        {"ros"},
+        {"errors"}, {"angles"}, {"pose_interpolation"}, {"description"}, {"control", "world"},
+        {"rendering", "control_cycle"}, {"camera", "controlled_model", "lighting", "sensors"},
+        {"simulation"}, {"ros"},
     ),
     "aras_visual_servo_camera": (
-        {"edge_pixels", "errors", "formula", "polygons"},
-        {"moment_sums"},
-        {"feature_formulas", "images", "markers", "moments"},
-        {"segmentation_settings"},
+        {"edge_pixels", "errors", "formula", "polygons"}, {"moment_sums"},
+        {"feature_formulas", "images", "markers", "moments"}, {"segmentation_settings"},
         {"camera_model", "degeneracy", "feature_plan", "interaction", "intersection_accuracy",
          "kernel", "segmented_target"},
         {"compiled_contour", "label_segmentation", "model_tracker", "pixel_coverage", "silhouette",
          "target_orientation"},
         {"contour", "detection_pipeline", "label_subscribers", "moment_feature_values", "trackers"},
-        {"messages", "overlay", "parameters"},
-        {"detection_publishers"},
-        {"camera_node"},
-        {"node"},
+        {"messages", "overlay", "parameters"}, {"detection_publishers"}, {"camera_node"}, {"node"},
     ),
     "aras_visual_servo_controller": (
-        {"errors", "interaction_check_defaults"},
-        {"laws"},
-        {"kinematics"},
-        {"observation", "teleop"},
-        {"goals"},
-        {"features"},
-        {"schemes"},
-        {"records"},
-        {"diagnosis"},
-        {"loop"},
-        {"parameters"},
-        {"camera_settings"},
-        {"settings"},
-        {"runner"},
+        {"errors", "interaction_check_defaults"}, {"laws"}, {"kinematics"},
+        {"observation", "teleop"}, {"goals"}, {"features"}, {"schemes"}, {"records"},
+        {"diagnosis"}, {"loop"}, {"parameters"}, {"camera_settings"}, {"settings"}, {"runner"},
         {"ros"},
     ),
     "aras_visual_servo_bench": (
-        {"errors", "progress_bar"},
-        {"targets"},
-        {"experiment"},
-        {"plants"},
-        {"setup"},
-        {"recording"},
-        {"metrics", "runner"},
-        {"studies"},
-        {"plots"},
-        {"visualization"},
-        {"web"},
-        {"web/report"},
-        {"web/browse", "web/live"},
-        {"ros"},
-        {"run_loading"},
-        {"cli"},
+        {"errors", "progress_bar"}, {"targets"}, {"experiment"}, {"plants"}, {"setup"},
+        {"recording"}, {"metrics", "runner"}, {"studies"}, {"plots"}, {"visualization"}, {"web"},
+        {"web/report"}, {"web/browse", "web/live"}, {"ros"}, {"run_loading"}, {"cli"},
         {"__main__", "learning"},
     ),
 }
-BRIDGE_FLOORS = FLOORS["aras_sim_bridge"]
 # What may import pages, inside functions or for types alone: commands and nodes that start one, and
 # the public interface.
 STARTERS = ("__init__.py", "cli/analyze.py", "cli/browse.py", "cli/show_and_tune.py",
             "ros/dashboard.py", "ros/demo.py")  # fmt: skip
-# Whose methods pass their object to a function of a floor above, by `import_later`.
-PASSING_UP = ("recording/presentable_run.py", "studies/results.py", "studies/study.py")
-# Pure maths in the rooms above: imports nothing of ours but the two lowest floors.
-PURE = ("control/pid.py", "camera/lens.py")
+
+
+def absolute_names(node: ast.AST, file: Path) -> set[str]:
+    """Absolute names of the modules, and of what is taken from them, of an import."""
+    if isinstance(node, ast.Import):
+        return {alias.name for alias in node.names}
+    base = node.module or ""
+    if node.level:
+        inside = file.parts[len(file.parts) - file.parts[::-1].index("src"):]
+        base = ".".join([*inside[: len(inside) - node.level], *filter(None, [node.module])])
+    return {base} | {f"{base}.{alias.name}" for alias in node.names}
 
 
 @cache
-def imports_and_classes(file: Path) -> tuple[frozenset[str], tuple[str, ...]]:
-    """Absolute names of all modules that `file` imports, wherever and however it does, and the
-    names of its classes."""
-    names, classes = set(), []
-    for node in ast.walk(ast.parse(file.read_text(), str(file))):
-        if isinstance(node, ast.ClassDef):
-            classes.append(node.name)
-        elif isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            base = node.module or ""
-            if node.level:
-                base = ".".join([*package_of(file, node.level), *filter(None, [node.module])])
-            names |= {base} | {f"{base}.{alias.name}" for alias in node.names}
-    return frozenset(names), tuple(classes)
-
-
 def imports(file: Path) -> frozenset[str]:
-    return imports_and_classes(file)[0]
-
-
-def package_of(file: Path, level: int) -> list[str]:
-    """Return the package that a relative import with `level` dots means in `file`, below `src`."""
-    parts = list(file.parts)
-    inside = parts[len(parts) - parts[::-1].index("src") :]
-    return inside[: len(inside) - level]
+    """Absolute names of all modules that `file` imports, wherever and however it does."""
+    nodes = ast.walk(ast.parse(file.read_text(), str(file)))
+    return frozenset().union(*(absolute_names(node, file) for node in nodes
+                               if isinstance(node, ast.Import | ast.ImportFrom)))  # fmt: skip
 
 
 def room_of(package: str, path: tuple[str, ...]) -> str:
@@ -196,44 +139,6 @@ def test_only_what_starts_a_page_imports_pages_and_only_then() -> None:
             assert not found & imported_at_once(file), f"{name} imports {found} at its top"
 
 
-def test_only_methods_of_runs_and_studies_pass_upwards() -> None:
-    for package, library in LIBRARIES.items():
-        for file in library.rglob("*.py"):
-            name = file.relative_to(library).as_posix()
-            used = "aras_visual_servo_base.lazy_imports.import_later" in imports(file)
-            assert not used or package == "aras_visual_servo_bench" and name in PASSING_UP, file
-            assert not used or "import_later" not in {one.rpartition(".")[2] for one in
-                                                      called_at_once(file)}, file  # fmt: skip
-
-
-def called_at_once(file: Path) -> set[str]:
-    """Names of the functions that a file calls when it is imported."""
-    calls, waiting = set(), list(ast.parse(file.read_text(), str(file)).body)
-    while waiting:
-        node = waiting.pop()
-        if isinstance(node, ast.Call):
-            calls.add(ast.unparse(node.func))
-        if not isinstance(node, (ast.FunctionDef, ast.Lambda)):
-            waiting += ast.iter_child_nodes(node)
-    return calls
-
-
-def test_there_is_one_class_a_name() -> None:
-    """Whoever reads of a Geometry, a Light or Limits knows which, in the whole workspace."""
-    places: dict[str, list[str]] = {}
-    for file in SOURCES.rglob("*.py"):
-        for name in imports_and_classes(file)[1]:
-            places.setdefault(name, []).append(str(file.relative_to(SOURCES)))
-    assert {name: found for name, found in places.items() if len(found) > 1} == {}
-
-
-@pytest.mark.parametrize("name", PURE)
-def test_pure_maths_needs_no_part(name: str) -> None:
-    file = LIBRARIES["aras_sim_bridge"] / name
-    rooms = rooms_imported("aras_sim_bridge", file)
-    assert rooms <= BRIDGE_FLOORS[0] | BRIDGE_FLOORS[1], f"{name} imports {rooms}"
-
-
 @pytest.mark.parametrize("package", LIBRARIES)
 def test_packages_meet_only_where_they_may(package: str) -> None:
     for file in LIBRARIES[package].rglob("*.py"):
@@ -259,25 +164,11 @@ def test_floors_below_the_skin_know_no_ros(package: str) -> None:
             assert not tops & {"rospy", "tf", "tf2_ros", "actionlib", "dynamic_reconfigure"}, file
 
 
-def test_nodes_are_thin() -> None:
-    for node in SOURCES.glob("aras_*/nodes/*"):
-        if node.is_file():
-            assert len(node.read_text().splitlines()) <= 20, f"{node}: belongs into the library"
-    for node in NODES:
-        assert len(node.read_text().splitlines()) <= LONGEST_NODE, f"{node}: belongs beside it"
-
-
 def imported_at_once(file: Path) -> set[str]:
     """Return the imports that are executed when `file` is imported, without those for types."""
-    tree = ast.parse(file.read_text(), str(file))
-    top = [node for node in tree.body if isinstance(node, (ast.Import, ast.ImportFrom))]
-    names = set()
-    for node in top:
-        base = getattr(node, "module", None) or ""
-        if getattr(node, "level", 0):
-            base = ".".join([*package_of(file, node.level), *filter(None, [node.module])])
-        names |= {f"{base}.{alias.name}".strip(".") for alias in node.names} | {base}
-    return names
+    body = ast.parse(file.read_text(), str(file)).body
+    return set().union(*(absolute_names(n, file) for n in body
+                         if isinstance(n, ast.Import | ast.ImportFrom)))  # fmt: skip
 
 
 def test_no_modules_import_each_other() -> None:
@@ -310,12 +201,3 @@ def edges_of(name: str, file: Path, modules: set[str]) -> set[str]:
         found |= {wanted[:k] for k, c in enumerate(wanted) if c == "."} | {wanted}
     return {wanted for wanted in found & modules
             if wanted != name and not name.startswith(f"{wanted}.")}
-
-
-def test_no_node_waits_for_scipys_optimisers_at_its_start() -> None:
-    """They take a third of a second to load, of two; who needs them loads them."""
-    for package in ("aras_sim_bridge", "aras_visual_servo_camera", "aras_visual_servo_controller"):
-        for file in LIBRARIES[package].rglob("*.py"):
-            if file.name != "inverse.py":  # which is itself loaded where a pose is to be solved for
-                found = [name for name in imported_at_once(file) if "scipy.optimize" in name]
-                assert not found, file

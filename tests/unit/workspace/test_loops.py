@@ -79,17 +79,21 @@ def test_what_was_compiled_for_the_sources_serves_their_copies_unless_they_diffe
     assert looped() == (1, 6.0)
 
 
+def run(source: Path, *words: str) -> subprocess.CompletedProcess:
+    """Run Python with the packages of a folder on its path."""
+    return subprocess.run(
+        [sys.executable, *words], env={**os.environ, "PYTHONPATH": f"{source}:{LIBRARY}"}, cwd="/",
+        capture_output=True, text=True,
+    )  # fmt: skip
+
+
 @pytest.mark.parametrize("processes", [1, 2])
 def test_packages_are_compiled_side_by_side_and_one_that_is_not_there_is_named(
     packages, processes
 ):
     source = packages[0] / "source"
-    done = subprocess.run(
-        [sys.executable, "-m", "aras_visual_servo_base.compile_packages", "nothing", "looping",
-         f"--processes={processes}"],
-        env={**os.environ, "PYTHONPATH": f"{source}:{LIBRARY}"}, cwd="/", capture_output=True,
-        text=True,
-    )  # fmt: skip
+    done = run(source, "-m", "aras_visual_servo_base.compile_packages", "nothing", "looping",
+               f"--processes={processes}")  # fmt: skip
     assert done.returncode == 1
     assert done.stderr == ("compile_packages: there is no package nothing on PYTHONPATH; build and "
                            "source the workspace\n")  # fmt: skip
@@ -110,7 +114,9 @@ def test_packages_are_shared_out_among_processes_by_their_loops(packages):
     assert [len(part) for part in compile_packages.split_packages(names, 8)] == [1, 1, 1, 1]
 
 
-def test_packages_are_missing_until_each_of_their_loops_is_kept(packages, monkeypatch):
+def test_packages_are_missing_until_each_of_their_loops_is_kept_where_it_is_looked_for(
+    packages, monkeypatch
+):
     folder, use = packages
     source = folder / "source"
     use(source)
@@ -121,20 +127,11 @@ def test_packages_are_missing_until_each_of_their_loops_is_kept(packages, monkey
     small.write_text("from aras_visual_servo_base.compiled import jit_inline\n"
                      "@jit_inline\ndef half(x):\n    return 0.5 * x\n")
     assert compile_packages.find_missing(["looping"]) == []
-    thrice = source / "looping" / "thrice.py"
-    thrice.write_text(TWICE.replace("2 * x", "3 * x"))
-    assert compile_packages.find_missing(["looping"]) == ["looping"]
-
-
-def test_packages_are_missing_until_their_functions_are_in_the_cache_in_use(packages, monkeypatch):
-    folder, use = packages
-    use(folder / "source")
-    compile_packages.main(["looping"])
     cache = folder / "elsewhere"
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache))
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(cache))
     assert compile_packages.find_missing(["looping"]) == ["looping"]
-    use(folder / "source")
+    use(source)
     compile_packages.main(["looping"])
     assert len(kept(cache)) == 2
     assert compile_packages.find_missing(["looping"]) == []
@@ -142,6 +139,8 @@ def test_packages_are_missing_until_their_functions_are_in_the_cache_in_use(pack
     (folder / "file").write_text("")
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(folder / "file" / "elsewhere"))
     assert compile_packages.find_missing(["looping"]) == []
+    (source / "looping" / "thrice.py").write_text(TWICE.replace("2 * x", "3 * x"))
+    assert compile_packages.find_missing(["looping"]) == ["looping"]
 
 
 def test_the_compiled_fraction_is_reported(packages):
@@ -151,20 +150,16 @@ def test_the_compiled_fraction_is_reported(packages):
     path.write_text(TWICE.replace("2 * x", "3 * x").replace("twice", "thrice"))
     fractions = []
     outcome = compile_packages.compile_packages(["looping"], 2, report=fractions.append)
-    assert outcome == ([], "")
-    assert fractions == [0.5, 1.0]
+    assert (outcome, fractions) == (([], ""), [0.5, 1.0])
 
 
 def test_a_full_disk_ends_the_compilation_with_one_line(packages):
     """A limit of 0 bytes for new files fails as a full disk does."""
     source = packages[0] / "source"
-    program = ("import resource, sys; from aras_visual_servo_base.compile_packages import main; "
+    done = run(source, "-c", "import resource, sys; "
+               "from aras_visual_servo_base.compile_packages import main; "
                "resource.setrlimit(resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY)); "
                "sys.exit(main(['looping']))")  # fmt: skip
-    done = subprocess.run(
-        [sys.executable, "-c", program], env={**os.environ, "PYTHONPATH": f"{source}:{LIBRARY}"},
-        cwd="/", capture_output=True, text=True,
-    )  # fmt: skip
     assert done.returncode == 1 and not kept(source)
     (line,) = done.stderr.splitlines()
     assert "cannot be cached (File too large)" in line

@@ -97,16 +97,6 @@ def test_no_package_needs_itself_by_way_of_others():
     assert not left
 
 
-def test_what_is_taken_out_of_the_image_is_imported_by_nobody():
-    """docker/slim removes packages whole, by the names of their folders."""
-    slim = (SOURCES.parent / "docker" / "slim").read_text()
-    lines = [line for line in slim.splitlines() if line.startswith("rm -rf ")]
-    removed = {word for line in lines for word in line.split()[2:]}
-    assert {"pybullet_data", "pip"} <= removed
-    used = {name for package in PACKAGES for path in programs(package) for name in imported(path)}
-    assert not removed & used
-
-
 def test_pips_package_asks_for_what_its_command_line_imports():
     """And the extras for the rest; what ROS brings is imported by nodes alone."""
     project = tomllib.loads((SOURCES.parent / "pyproject.toml").read_text())

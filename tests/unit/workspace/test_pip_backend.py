@@ -1,7 +1,6 @@
 """`pip install .` for a Python version without PyBullet on PyPI: one line states the remedy."""
 
 import importlib.util
-import stat
 import sys
 from pathlib import Path
 
@@ -30,13 +29,6 @@ def backend(monkeypatch, tmp_path):
     return made
 
 
-def compiler(folder, text):
-    path = folder / "mycc"
-    path.write_text(text)
-    path.chmod(path.stat().st_mode | stat.S_IXUSR)
-    return str(path)
-
-
 def test_without_a_compiler_it_says_which_packages(backend, monkeypatch, tmp_path):
     monkeypatch.setenv("CC", str(tmp_path / "none"))
     told = backend.missing()
@@ -44,31 +36,23 @@ def test_without_a_compiler_it_says_which_packages(backend, monkeypatch, tmp_pat
     assert backend.FLAGS in told and "\n" not in told
     with pytest.raises(SystemExit, match="apt install"):
         backend.prepare_metadata_for_build_wheel(str(tmp_path))
-
-
-def test_without_pythons_header_it_says_the_same(backend, monkeypatch, tmp_path):
-    monkeypatch.setenv("CC", compiler(tmp_path, "#!/bin/sh\nexit 1\n"))
-    assert "apt install g++ python3-dev" in backend.missing()
+    for minor, needed in ((11, False), (12, True)):  # the first has wheels
+        monkeypatch.setattr(sys, "version_info", (3, minor, 0, "final", 0))
+        assert bool(backend.missing()) == needed
+    (tmp_path / "platlib" / "pybullet-3.2.7.dist-info").mkdir()
+    assert backend.missing() == ""
 
 
 def test_a_strict_compiler_is_asked_for_with_the_flags_that_it_needs(
     backend, monkeypatch, tmp_path
 ):
-    monkeypatch.setenv("CC", compiler(tmp_path, STRICT))
-    told = backend.missing()
-    assert backend.FLAGS in told and "apt" not in told
+    compiler = tmp_path / "mycc"
+    monkeypatch.setenv("CC", str(compiler))
+    for text, has_header in (("#!/bin/sh\nexit 1\n", False), (STRICT, True)):
+        compiler.write_text(text)
+        compiler.chmod(0o755)
+        told = backend.missing()
+        assert backend.FLAGS in told
+        assert ("apt install g++ python3-dev" in told) == ("apt" in told) == (not has_header)
     monkeypatch.setenv("CFLAGS", "-Wno-error=incompatible-pointer-types")
-    assert backend.missing() == ""
-
-
-@pytest.mark.parametrize("minor", [11, 12])
-def test_a_python_with_wheels_needs_no_compiler(backend, monkeypatch, tmp_path, minor):
-    monkeypatch.setenv("CC", str(tmp_path / "none"))
-    monkeypatch.setattr(sys, "version_info", (3, minor, 0, "final", 0))
-    assert bool(backend.missing()) == (minor == 12)
-
-
-def test_nor_does_an_environment_that_has_pybullet(backend, monkeypatch, tmp_path):
-    monkeypatch.setenv("CC", str(tmp_path / "none"))
-    (tmp_path / "platlib" / "pybullet-3.2.7.dist-info").mkdir()
     assert backend.missing() == ""

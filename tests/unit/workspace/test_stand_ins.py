@@ -39,25 +39,26 @@ def built(tmp_path):
     return run
 
 
-def test_a_target_that_needs_their_headers_is_one_line_and_the_rest_is_built(built, tmp_path):
-    said = built('#include <hardware_interface/robot_hw.h>\n# include "controller_interface/a.h"\n')
-    (line,) = said.splitlines()
-    assert line.startswith(
-        "arm: arm_hw is not built: it includes C++ headers of hardware_interface, "
-        "controller_interface, which aras_sim_bridge does not contain; ")
-    assert (tmp_path / "build/talker").exists()
-    assert not list((tmp_path / "build").glob("*.so"))
+HARDWARE = "#include <hardware_interface/robot_hw.h>\n"
 
 
-def test_a_header_of_the_package_counts_for_all_its_targets(built, tmp_path):
-    said = built("int a;\n", "#include <joint_limits_interface/joint_limits.h>\n")
-    assert sorted(line.split(" is ")[0] for line in said.splitlines()) == [
-        "arm: arm_hw", "arm: talker"]
-
-
-def test_a_package_without_their_headers_is_built_and_nothing_is_said(built, tmp_path):
-    assert built('// #include <hardware_interface/robot_hw.h>\n#include <cmath>\n') == ""
-    assert list((tmp_path / "build").glob("*.so"))
+@pytest.mark.parametrize(("source", "header", "left_out"), [
+    (f'{HARDWARE}# include "controller_interface/a.h"\n', "", ["arm_hw"]),
+    # a header of the package counts for all its targets
+    ("int a;\n", "#include <joint_limits_interface/joint_limits.h>\n", ["arm_hw", "talker"]),
+    (f"// {HARDWARE}#include <cmath>\n", "", []),
+])  # fmt: skip
+def test_a_target_that_needs_their_headers_is_one_line_and_the_rest_is_built(
+    built, tmp_path, source, header, left_out
+):  # fmt: skip
+    lines = built(source, header).splitlines()
+    assert sorted(line.split(" is ")[0] for line in lines) == [f"arm: {one}" for one in left_out]
+    if left_out == ["arm_hw"]:
+        assert lines[0].startswith(
+            "arm: arm_hw is not built: it includes C++ headers of hardware_interface, "
+            "controller_interface, which aras_sim_bridge does not contain; ")
+    assert (tmp_path / "build/talker").exists() == ("talker" not in left_out)
+    assert bool(list((tmp_path / "build").glob("*.so"))) == ("arm_hw" not in left_out)
 
 
 def test_every_name_is_a_package_that_steps_aside_and_that_the_report_knows():

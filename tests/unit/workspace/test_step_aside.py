@@ -43,19 +43,10 @@ def aside(tmp_path: Path):
     return run
 
 
-@pytest.mark.parametrize("by_environment", [False, True], ids=["cmake", "environment"])
-def test_an_installed_package_wins_and_what_was_built_of_ours_goes(aside, by_environment):
-    assert aside("underlay", by_environment=by_environment)
-
-
-def test_without_one_ours_is_built(aside):
-    assert not aside()
-
-
-@pytest.mark.parametrize("prefix", ["devel", "install"])
-def test_what_this_workspace_built_itself_is_no_reason(aside, prefix):
-    assert not aside(prefix)
-
-
-def test_another_package_is_no_reason(aside):
-    assert not aside("underlay", "other_msgs")
+@pytest.mark.parametrize(("given", "steps"), [
+    (("underlay",), True), (("underlay", "some_msgs", True), True), ((), False),
+    (("devel",), False), (("install",), False), (("underlay", "other_msgs"), False),
+])  # fmt: skip
+def test_an_installed_package_wins_and_what_was_built_of_ours_goes(aside, given, steps):
+    """What this workspace built itself is no reason, nor is another package."""
+    assert aside(*given) == steps

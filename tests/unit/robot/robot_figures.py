@@ -14,31 +14,21 @@ URDF = PACKAGE / "robots" / "aras_visual_servo.urdf"
 ARM_LIMITS = (-2.0943, 2.0943, 50000, 5)
 SIDEWAYS = (1.5708, 0, -1.5708)
 JOINTS = {
-    "gantry": (
-        "prismatic", "base_link", "slider", (0, 0, 1.6263), SIDEWAYS, (0, 0, -1),
-        (-1.5, 1.5, 80000, 5), (0.8, 0.5),
-    ),
+    "gantry": ("prismatic", "base_link", "slider", (0, 0, 1.6263), SIDEWAYS, (0, 0, -1),
+               (-1.5, 1.5, 80000, 5), (0.8, 0.5)),
     "J0": ("fixed", "slider", "link0", (0, -0.02888, 0), (-1.5708, 0, 3.1416), None, None, None),
-    "J1": (
-        "revolute", "link0", "link1", (0, 0, 0.168), (0, 0, 0), (0, 0, 1), ARM_LIMITS, (0.7, 0.9),
-    ),
-    "J2": (
-        "revolute", "link1", "link2", (0, 0, 0.132), (0, 0, 0), (0, 1, 0), ARM_LIMITS, (0.1, 0.9),
-    ),
-    "J3": (
-        "revolute", "link2", "link3", (0, 0, 0.25), (0, 0, 0), (0, 1, 0), ARM_LIMITS, (0.9, 0.9),
-    ),
-    "J5": (
-        "revolute", "link3", "link5", (0, 0, 0.16), (0, 0, 3.1416), (0, -1, 0), ARM_LIMITS,
-        (0.9, 0.9),
-    ),
-    "J6": (
-        "revolute", "link5", "link6", (0, 0, 0.0718), (0, 0, -3.1416), (0, 0, 1),
-        (-3000, 3000, 50000, 5), (0.1, 0.9),
-    ),
-    "camera_joint": (
-        "fixed", "link6", "camera_link", (0, 0, 0.0334), (3.14, -1.57, 0), None, None, None,
-    ),
+    "J1": ("revolute", "link0", "link1", (0, 0, 0.168), (0, 0, 0), (0, 0, 1), ARM_LIMITS,
+           (0.7, 0.9)),
+    "J2": ("revolute", "link1", "link2", (0, 0, 0.132), (0, 0, 0), (0, 1, 0), ARM_LIMITS,
+           (0.1, 0.9)),
+    "J3": ("revolute", "link2", "link3", (0, 0, 0.25), (0, 0, 0), (0, 1, 0), ARM_LIMITS,
+           (0.9, 0.9)),
+    "J5": ("revolute", "link3", "link5", (0, 0, 0.16), (0, 0, 3.1416), (0, -1, 0), ARM_LIMITS,
+           (0.9, 0.9)),
+    "J6": ("revolute", "link5", "link6", (0, 0, 0.0718), (0, 0, -3.1416), (0, 0, 1),
+           (-3000, 3000, 50000, 5), (0.1, 0.9)),
+    "camera_joint": ("fixed", "link6", "camera_link", (0, 0, 0.0334), (3.14, -1.57, 0), None, None,
+                     None),
 }  # fmt: skip
 
 # link: (mass, com, ixx iyy izz, ixy ixz iyz)
@@ -69,9 +59,7 @@ BOUNDS = {
 }
 
 # link: (box size, centre)
-BOXES = {
-    "camera_link": ((0.01, 0.09, 0.09), (0, 0, 0)),
-}
+BOXES = {"camera_link": ((0.01, 0.09, 0.09), (0, 0, 0))}
 
 # The target: sizes and centres of its plates, where the original has them in base_link.
 PLATES = (

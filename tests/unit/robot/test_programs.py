@@ -84,16 +84,21 @@ def test_a_target_of_a_file(describe, tmp_path):
     assert measure(describe(str(outline), None, tmp_path)) == pytest.approx([0.3, 0.2, 0.0])
 
 
-def test_a_shape_that_does_not_ship_is_made(describe, tmp_path, monkeypatch):
+def test_a_shape_that_does_not_ship_is_made(target, describe, tmp_path, monkeypatch, capsys):
+    """What it prints is not part of the description."""
     (tmp_path / "my_shapes.py").write_text(
         "from aras_visual_servo_bench.targets.shapes import OutlineShape\n"
+        "print('loading')\n"
         "class Cross(OutlineShape):\n"
         "    corners = ((-0.5, -0.5), (0.5, -0.5), (0.0, 0.5))\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
-    assert measure(describe("my_shapes:Cross", None, tmp_path)) == pytest.approx([0.1, 0.1, 0.0])
-    sized = describe("my_shapes:Cross", (0.3, 0.2), tmp_path)
-    assert measure(sized) == pytest.approx([0.3, 0.2, 0.0])
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    status, printed, said = told(
+        target, monkeypatch, capsys, "my_shapes:Cross", f"--targets={TARGETS}")
+    assert (status, said) == (0, "loading\n") and printed.startswith("<?xml")
+    for size, lengths in ((None, [0.1, 0.1, 0.0]), ((0.3, 0.2), [0.3, 0.2, 0.0])):
+        assert measure(describe("my_shapes:Cross", size, tmp_path)) == pytest.approx(lengths)
 
 
 def test_a_picture_lies_upright_on_a_plane_of_its_size(target, describe, tmp_path):
@@ -155,20 +160,6 @@ def test_a_target_on_the_command_line(target, monkeypatch, capsys):
     assert said.startswith("target_description: there is no file /bad.svg")
 
 
-def test_what_a_shape_prints_is_not_part_of_the_description(tmp_path, monkeypatch, capsys, target):
-    (tmp_path / "loud_shapes.py").write_text(
-        "from aras_visual_servo_bench.targets.shapes import OutlineShape\n"
-        "print('loading')\n"
-        "class Cross(OutlineShape):\n"
-        "    corners = ((-0.5, -0.5), (0.5, -0.5), (0.0, 0.5))\n"
-    )
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    status, printed, said = told(
-        target, monkeypatch, capsys, "loud_shapes:Cross", f"--targets={TARGETS}")
-    assert (status, said) == (0, "loading\n") and printed.startswith("<?xml")
-
-
 @pytest.fixture
 def adapt():
     return program("adapt_description")
@@ -202,13 +193,10 @@ def test_a_robot_is_told_with_its_camera_moved_and_without_friction(adapt, monke
     assert len(after.findall("link")) == len(before.findall("link")) + 1
 
 
-@pytest.mark.parametrize(("text", "words"), [
-    ("0 0", "'0 0' must be three finite numbers"), ("0 0 nan", "must be three finite numbers"),
-    ("0 0 x", "must be three finite numbers"),
-])  # fmt: skip
-def test_a_place_is_three_finite_numbers(adapt, text, words):
-    with pytest.raises(argparse.ArgumentTypeError, match=words):
-        adapt.parse_vector(text)
+def test_a_place_is_three_finite_numbers(adapt):
+    for text in ("0 0", "0 0 nan", "0 0 x"):
+        with pytest.raises(argparse.ArgumentTypeError, match=f"'{text}' must be three finite numb"):
+            adapt.parse_vector(text)
     values = [adapt.parse_bool(word) for word in ("True", "1", "false", "0")]
     assert values == [True, True, False, False]
     with pytest.raises(argparse.ArgumentTypeError, match="'yes' must be true or false"):

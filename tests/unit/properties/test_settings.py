@@ -97,8 +97,3 @@ def test_a_study_is_made_or_the_key_is_named(place, junk):
         return
     assert made.run_count >= 1
     assert Study.from_mapping(made.to_mapping()).digest == made.digest
-
-
-def test_what_is_replaced_in_is_itself_right():
-    Experiment.from_mapping(WHOLE)
-    assert Study.from_mapping(STUDY).run_count == 12

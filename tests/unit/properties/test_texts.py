@@ -6,7 +6,6 @@ Shipped files with pieces taken out, doubled and replaced. What is read once mor
 from pathlib import Path
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -123,8 +122,3 @@ def read(path):
         assert path.stem in str(error)
     else:
         assert sum(len(mesh.triangles) for mesh in meshes) > 0
-
-
-@pytest.mark.parametrize("name", ["arm_cell", "storeroom"])
-def test_the_whole_files_are_read(name):
-    assert read_sdf((WORLDS / f"{name}.world").read_text(), found).models

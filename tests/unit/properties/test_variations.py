@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import stats
 
 from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.studies.variations import (
@@ -52,9 +53,15 @@ def test_sobol_points_are_spread_and_never_come_again(entropy, dimensions, part)
     assert not any(np.allclose(list(later.values()), point, atol=1e-12) for point in points)
 
 
-def test_a_normal_ends_somewhere():
-    """Though Sobol's points may begin at 0; what is less often than 1e-12 is not drawn."""
-    draw = parse_variation("gain", {"normal": [3.0, 0.5]})
+def test_distributions_are_those_of_scipy():
+    """Though Sobol's points may begin at 0, a normal ends somewhere: what is less often than 1e-12
+    is not drawn."""
+    for kind, ends, of in (("uniform", [0.01, 0.03], stats.uniform(0.01, 0.02)),
+                           ("loguniform", [0.5, 8.0], stats.loguniform(0.5, 8.0)),
+                           ("normal", [3.0, 0.5], stats.norm(3.0, 0.5))):  # fmt: skip
+        draw = parse_variation("gain", {kind: ends})
+        for u in (0.01, 0.3, 0.5, 0.99):
+            assert draw.value(u) == pytest.approx(of.ppf(u))
     assert draw.value(0.0) == pytest.approx(3.0 - 0.5 * 7.03, abs=0.01)
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 
 import cv2
 import numpy as np
 import pinocchio
+from scenes import Bench, chessboard
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
@@ -15,11 +15,7 @@ from aras_sim_bridge.camera import CameraConfig, CameraIntrinsics, CameraSensor
 from aras_sim_bridge.rendering import create_renderer
 
 from .check import Row, check
-from .robots import SOURCES, Robot
-
-sys.path.append(str(SOURCES.parent / "tests" / "unit" / "camera"))
-
-from scenes import Bench, chessboard  # noqa: E402
+from .robots import Robot
 
 HAND, LINK = "link6", "camera_link"
 PICTURES = 20
@@ -33,7 +29,6 @@ _CAMERAS = {
 
 
 def _transform(turn: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """Return the pose (4, 4) of a rotation matrix or rotation vector, rad, and a position, m."""
     T = np.eye(4)
     T[:3, :3] = turn if np.ndim(turn) == 2 else Rotation.from_rotvec(turn).as_matrix()
     T[:3, 3] = place
@@ -47,7 +42,6 @@ def _twelve(*poses: np.ndarray) -> np.ndarray:
 
 
 def _placement(robot: Robot, joints: np.ndarray, link: str) -> np.ndarray:
-    """Compute base_T_link (4, 4) with Pinocchio."""
     pinocchio.framesForwardKinematics(robot.pin, robot.data, robot.pin_state(joints))
     return robot.data.oMf[robot.pin.getFrameId(link)].homogeneous
 
@@ -62,10 +56,7 @@ def _mounting(robot: Robot) -> np.ndarray:
 
 
 def _corners(image: np.ndarray, board: np.ndarray) -> np.ndarray | None:
-    """Detect the inner corners (30, 2), px, of a board (30, 3); None if it is not fully visible.
-
-    The square in front of the first corner is white.
-    """
+    """Detect the inner corners (30, 2), px, of a board (30, 3); None if it is not fully visible."""
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     found, corners = cv2.findChessboardCornersSB(grey, _INNER, flags=cv2.CALIB_CB_ACCURACY)
     if not found:
@@ -87,7 +78,6 @@ def _corners(image: np.ndarray, board: np.ndarray) -> np.ndarray | None:
 
 
 def _pose(board: np.ndarray, corners: np.ndarray, info: CameraIntrinsics) -> np.ndarray:
-    """Compute camera_T_board (4, 4) with OpenCV."""
     K, D = np.array(info.K, float), np.array(info.D, float)
     _, turn, place = cv2.solvePnP(board, corners, K, D)
     return _transform(turn.ravel(), place.ravel())
@@ -132,11 +122,7 @@ def _calibrated(
     board: np.ndarray, hands: np.ndarray, boards: np.ndarray, seen: np.ndarray,
     info: CameraIntrinsics,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return hand_T_camera (4, 4) with the least reprojection error, and its covariance.
-
-    The covariance (6, 6) is that of rotation vector and position. It is estimated from the total
-    residual of each image, because the errors of corners in one image are correlated.
-    """
+    """Return hand_T_camera (4, 4) with the least reprojection error, and its covariance."""
     K, D = np.array(info.K, float), np.array(info.D, float)
     first = _closed_form(hands, boards)
 

@@ -72,13 +72,7 @@ touch each other or the base of a robot is free.
 def main(
     arguments: list[str] | None = None, checks: Mapping[str, Check] = CHECKS, table: Path = TABLE
 ) -> int:
-    """Run the checks; return 0 if all are within bounds, 1 if one is not, 2 for an unknown name.
-
-    Args:
-        arguments: command line; None: that of this process.
-        checks: all checks by their names.
-        table: page that `--write` writes.
-    """
+    """Run the checks; return 0 if all are within bounds, 1 if one is not, 2 for an unknown name."""
     options = _parser().parse_args(arguments)
     unknown = set(options.names) - set(checks)
     if unknown:
@@ -132,18 +126,15 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def number(value: float, unit: str) -> str:
-    """Return a value with two digits and its unit."""
     return f"{value:.2g} {unit}".strip()
 
 
 def line(check: Check, row: Row) -> str:
-    """Format a row for a terminal."""
     return (f"{'ok  ' if row.passed else 'FAIL'} {check.name:24} {row.what:52} "
             f"{number(row.measured, row.unit):>16} (<= {number(row.bound, row.unit)})")
 
 
 def markdown(check: Check, row: Row) -> str:
-    """Format a row for the documentation."""
     return (f"| {check.name} | {check.against} | {row.what} | {row.expected} | "
             f"{number(row.measured, row.unit)} | {number(row.bound, row.unit)} | "
             f"{'' if row.passed else '**no**'} |\n")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import mujoco
 import numpy as np
@@ -21,84 +21,85 @@ def _worst(ours: np.ndarray, theirs: np.ndarray) -> float:
     return float(np.abs(np.subtract(ours, theirs)).max() / np.abs(theirs).max())
 
 
+Sample = Callable[[Robot, np.random.Generator], tuple[np.ndarray, dict[str, np.ndarray]]]
+
+
+def _compared(seed: int, sample: Sample, bound: float) -> Iterator[Row]:
+    """Yield the worst differences of each arm at random states, by the software compared with."""
+    rng = np.random.default_rng(seed)
+    for name in ARMS:
+        worst: dict[str, float] = {}
+        with Robot(name) as robot:
+            for _ in range(_STATES):
+                ours, theirs = sample(robot, rng)
+                for other, value in theirs.items():
+                    worst[other] = max(worst.get(other, 0.0), _worst(ours, value))
+        for other, value in worst.items():
+            yield Row(f"{name}, {other}" if len(worst) > 1 else name, "equal", value, bound)
+
+
 @check("Pinocchio, MuJoCo", quick=True)
 def mass_matrix() -> Iterator[Row]:
     """Compare the mass matrix, measured by unit efforts on a robot at rest."""
-    rng = np.random.default_rng(1)
-    for name in ARMS:
-        worst = {"Pinocchio": 0.0, "MuJoCo": 0.0}
-        with Robot(name) as robot:
-            n = len(robot.names)
-            for _ in range(_STATES):
-                q = rng.uniform(-1.2, 1.2, n)
-                columns = []
-                for effort in (np.zeros(n), *np.eye(n)):
-                    robot.set_state(q, np.zeros(n))
-                    columns.append(robot.step(effort))
-                inverse = np.stack(columns[1:], axis=1) - columns[0][:, None]
-                theirs = pinocchio.crba(robot.pin, robot.data, robot.pin_state(q))
-                theirs = np.triu(theirs) + np.triu(theirs, 1).T
-                mass = np.linalg.inv(inverse)
-                worst["Pinocchio"] = max(worst["Pinocchio"],
-                                         _worst(mass, theirs[np.ix_(robot.pin_v, robot.pin_v)]))
-                robot.mj_data.qpos[robot.mj_q] = q
-                mujoco.mj_forward(robot.mj, robot.mj_data)
-                full = np.zeros((robot.mj.nv, robot.mj.nv))
-                mujoco.mj_fullM(robot.mj, robot.mj_data, full)
-                worst["MuJoCo"] = max(worst["MuJoCo"],
-                                      _worst(mass, full[np.ix_(robot.mj_v, robot.mj_v)]))
-        for other, value in worst.items():
-            yield Row(f"{name}, {other}", "equal", value, 1e-6)
+    def sample(robot: Robot, rng: np.random.Generator) -> tuple:
+        n = len(robot.names)
+        q, columns = rng.uniform(-1.2, 1.2, n), []
+        for effort in (np.zeros(n), *np.eye(n)):
+            robot.set_state(q, np.zeros(n))
+            columns.append(robot.step(effort))
+        ours = np.linalg.inv(np.stack(columns[1:], axis=1) - columns[0][:, None])
+        half = pinocchio.crba(robot.pin, robot.data, robot.pin_state(q))
+        theirs = np.triu(half) + np.triu(half, 1).T
+        robot.mj_data.qpos[robot.mj_q] = q
+        mujoco.mj_forward(robot.mj, robot.mj_data)
+        full = np.zeros((robot.mj.nv, robot.mj.nv))
+        mujoco.mj_fullM(robot.mj, robot.mj_data, full)
+        return ours, {"Pinocchio": theirs[np.ix_(robot.pin_v, robot.pin_v)],
+                      "MuJoCo": full[np.ix_(robot.mj_v, robot.mj_v)]}  # fmt: skip
+
+    yield from _compared(1, sample, 1e-6)
 
 
 @check("Pinocchio", quick=True)
 def gravity_and_velocity_terms() -> Iterator[Row]:
     """Compare the efforts that keep joint velocities constant."""
-    rng = np.random.default_rng(2)
-    for name in ARMS:
-        worst = 0.0
-        with Robot(name) as robot:
-            n = len(robot.names)
-            for _ in range(_STATES):
-                q, v = rng.uniform(-1.2, 1.2, n), rng.uniform(-3.0, 3.0, n)
-                robot.set_state(q, v)
-                theirs = pinocchio.nonLinearEffects(robot.pin, robot.data, robot.pin_state(q),
-                                                    robot.pin_vector(v))
-                worst = max(worst, _worst(robot.model.bias_efforts(), theirs[robot.pin_v]))
-        yield Row(name, "equal", worst, 1e-9)
+    def sample(robot: Robot, rng: np.random.Generator) -> tuple:
+        n = len(robot.names)
+        q, v = rng.uniform(-1.2, 1.2, n), rng.uniform(-3.0, 3.0, n)
+        robot.set_state(q, v)
+        theirs = pinocchio.nonLinearEffects(robot.pin, robot.data, robot.pin_state(q),
+                                            robot.pin_vector(v))  # fmt: skip
+        return robot.model.bias_efforts(), {"Pinocchio": theirs[robot.pin_v]}
+
+    yield from _compared(2, sample, 1e-9)
 
 
 @check("Pinocchio, MuJoCo", quick=True)
 def accelerations() -> Iterator[Row]:
     """Compare joint accelerations at random positions, velocities and efforts."""
-    rng = np.random.default_rng(3)
-    for name in ARMS:
-        worst = {"Pinocchio": 0.0, "MuJoCo": 0.0}
-        with Robot(name) as robot:
-            n = len(robot.names)
-            for _ in range(_STATES):
-                q, v = rng.uniform(-1.2, 1.2, n), rng.uniform(-3.0, 3.0, n)
-                effort = rng.uniform(-20.0, 20.0, n)
-                robot.set_state(q, v)
-                ours = robot.step(effort)
-                theirs = pinocchio.aba(robot.pin, robot.data, robot.pin_state(q),
-                                       robot.pin_vector(v), robot.pin_vector(effort))
-                worst["Pinocchio"] = max(worst["Pinocchio"], _worst(ours, theirs[robot.pin_v]))
-                data = robot.mj_data
-                data.qpos[robot.mj_q], data.qvel[robot.mj_v] = q, v
-                data.qfrc_applied[robot.mj_v] = effort
-                mujoco.mj_forward(robot.mj, data)
-                worst["MuJoCo"] = max(worst["MuJoCo"], _worst(ours, data.qacc[robot.mj_v]))
-        for other, value in worst.items():
-            yield Row(f"{name}, {other}", "equal", value, 1e-6)
+    def sample(robot: Robot, rng: np.random.Generator) -> tuple:
+        n = len(robot.names)
+        q, v = rng.uniform(-1.2, 1.2, n), rng.uniform(-3.0, 3.0, n)
+        effort = rng.uniform(-20.0, 20.0, n)
+        robot.set_state(q, v)
+        ours = robot.step(effort)
+        theirs = pinocchio.aba(robot.pin, robot.data, robot.pin_state(q), robot.pin_vector(v),
+                               robot.pin_vector(effort))  # fmt: skip
+        data = robot.mj_data
+        data.qpos[robot.mj_q], data.qvel[robot.mj_v] = q, v
+        data.qfrc_applied[robot.mj_v] = effort
+        mujoco.mj_forward(robot.mj, data)
+        return ours, {"Pinocchio": theirs[robot.pin_v], "MuJoCo": data.qacc[robot.mj_v]}
+
+    yield from _compared(3, sample, 1e-6)
 
 
 @check("Pinocchio, MuJoCo", quick=True)
 def a_free_base() -> Iterator[Row]:
     """Compare the accelerations of a tumbling base of 5 kg and of its three joints."""
     rng = np.random.default_rng(4)
-    worst = {"base, Pinocchio": 0.0, "joints, Pinocchio": 0.0, "base, MuJoCo": 0.0,
-             "joints, MuJoCo": 0.0}
+    worst = dict.fromkeys(("base, Pinocchio", "joints, Pinocchio", "base, MuJoCo",
+                           "joints, MuJoCo"), 0.0)  # fmt: skip
     step = 1e-6  # s; small enough that the finite difference equals the derivative
     with Robot("free arm", step) as robot:
         n = len(robot.names)
@@ -112,15 +113,13 @@ def a_free_base() -> Iterator[Row]:
             robot.set_state(q, v)
             before = robot.model.twist()
             joints = robot.step(effort)
-            after = robot.model.twist()
-            base = (np.ravel(after) - np.ravel(before)) / step
-            for other, (their_base, their_joints) in {
-                "Pinocchio": _pinocchio_free(robot, pose, linear, angular, q, v, effort),
-                "MuJoCo": _mujoco_free(robot, pose, linear, angular, q, v, effort),
-            }.items():
-                worst[f"base, {other}"] = max(worst[f"base, {other}"], _worst(base, their_base))
-                worst[f"joints, {other}"] = max(worst[f"joints, {other}"],
-                                                _worst(joints, their_joints))
+            base = (np.ravel(robot.model.twist()) - np.ravel(before)) / step
+            for other, accelerate in (("Pinocchio", _pinocchio_free), ("MuJoCo", _mujoco_free)):
+                theirs = accelerate(robot, pose, linear, angular, q, v, effort)
+                for what, ours, their in zip(("base", "joints"), (base, joints), theirs,
+                                             strict=True):  # fmt: skip
+                    key = f"{what}, {other}"
+                    worst[key] = max(worst[key], _worst(ours, their))
     for what, value in worst.items():
         yield Row(what, "equal", value, 1e-4)
 

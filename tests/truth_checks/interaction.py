@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scenes import looking
 from scipy.spatial.transform import Rotation
 
 from aras_visual_servo_base.poses import adjoint, relative_pose
@@ -24,11 +24,6 @@ from aras_visual_servo_controller.observation.observation import Need, Observati
 from aras_visual_servo_controller.schemes import FeatureScheme
 
 from .check import Row, check
-from .robots import SOURCES
-
-sys.path.append(str(SOURCES.parent / "tests" / "unit" / "camera"))
-
-from scenes import looking  # noqa: E402
 
 _SIZE, _K = (320, 240), (290.0, 0.0, 165.3, 0.0, 297.0, 116.8, 0.0, 0.0, 1.0)
 _CAMERAS = {
@@ -119,7 +114,6 @@ class _Look:
         self._stereo = any(FEATURES[name].reads > 1 for name in kind.names)
 
     def at(self, pose: np.ndarray) -> Observation:
-        """Return the observation at target_T_camera (4, 4)."""
         first = self._one(self._observers[0], pose)
         if not self._stereo:
             return first
@@ -140,7 +134,6 @@ class _Look:
 
 
 def _plane(target: Target, pose: np.ndarray) -> Plane:
-    """Return the plane z = 0 of the target in the camera frame at target_T_camera (4, 4)."""
     return Plane(*(-pose[2, :3] / (pose[2, 3] - target.height)).tolist())
 
 
@@ -153,10 +146,7 @@ def _feature(name: str) -> Feature:
 
 def _slopes(values: Callable[[np.ndarray], np.ndarray], kind: _Kind, pose: np.ndarray
             ) -> np.ndarray:
-    """Return slopes (k, 6) at zero of polynomials through s (k,) of displaced cameras.
-
-    Values that are NaN, from keypoints that were not found, are omitted.
-    """
+    """Return slopes (k, 6) at zero of polynomials through s (k,) of displaced cameras."""
     steps = np.linspace(-1.0, 1.0, kind.count)
     columns = []
     for axis in range(6):

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
+from scenes import Bench, looking
 from scipy.stats import qmc
 
 from aras_sim_bridge.description import Light
 from aras_sim_bridge.rendering import Lighting, View, create_renderer
 
 from .check import Row, check
-from .robots import SOURCES
-
-sys.path.append(str(SOURCES.parent / "tests" / "unit" / "camera"))
-
-from scenes import Bench, looking  # noqa: E402
 
 _K = np.array([[210.0, 0.0, 80.3], [0.0, 205.0, 61.2], [0.0, 0.0, 1.0]])
 _VIEW = View(160, 120, looking([0.25, -0.8, 0.7], [0.0, 0.0, 0.05]), _K)
@@ -38,8 +34,6 @@ _LIGHTS = {
 def _shone(light: Light, p: np.ndarray, soft: bool, place: np.ndarray
            ) -> tuple[np.ndarray, np.ndarray]:
     """Return the unshadowed light (N, 3) at horizontal points (N, 3), and rays (N, 3) to the light.
-
-    The rays end at the position (2,), 0..1, on the area of the light.
     """
     R = np.eye(3)
     if light.kind == "spot":
@@ -108,15 +102,8 @@ def _expected(light: Light, soft: bool, places: int) -> tuple[np.ndarray, np.nda
 
 
 def compared(places: int) -> Iterator[tuple[str, float, float]]:
-    """Yield name and rms errors, in grey levels, for each light with hard and with soft shadows.
-
-    The errors are those of pixels at shadow edges and of the other pixels of the floor.
-
-    places: of the pixel and of the light in each, by Sobol. Shadows' edges are pixels of which they
-    say neither light nor dark alone.
-    """
-    bench = Bench()
-    try:
+    """Yield name and rms errors, in grey levels, for each light with hard and with soft shadows."""
+    with closing(Bench()) as bench:
         bench.box([2.0, 2.0, 0.05], [0, 0, -0.05])
         for centre, half, turn in _BOXES:
             bench.box(half, centre, "Gazebo/Red", (0, 0, np.sin(turn / 2), np.cos(turn / 2)))
@@ -132,8 +119,6 @@ def compared(places: int) -> Iterator[tuple[str, float, float]]:
                 at_edges, elsewhere = (
                     float(np.sqrt((off[known & part]**2).mean())) for part in (edge, ~edge))
                 yield f"{name}, {shadows} shadows", at_edges, elsewhere
-    finally:
-        bench.close()
 
 
 @check("ray casting")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import closing
 
 import numpy as np
 import pinocchio
@@ -57,6 +58,18 @@ def _capsule(mass: float, radius: float, length: float) -> tuple[float, float, f
     return across, across, tube * radius**2 / 2 + balls * 0.4 * radius**2
 
 
+def steps(world: World, count: int) -> None:
+    for _ in range(count):
+        world.step()
+
+
+def _on_ground(angle: float = 0.0) -> World:
+    """A world with a ground plane that is inclined along x by an angle, rad."""
+    world = World(gravity=(G * math.sin(angle), 0.0, -G * math.cos(angle)))
+    world.spawn_ground_plane()
+    return world
+
+
 def _speed(model: Model) -> float:
     return math.hypot(*model.twist().linear)
 
@@ -90,8 +103,7 @@ def free_fall() -> Iterator[Row]:
     """Compare the free fall of a box and its rotation without torque, for 1 s."""
     with World() as world:
         box = world.spawn(parse_urdf(_box((0.2, 0.2, 0.2), 1.0)), "m", Pose((0, 0, 100)))
-        for _ in range(1000):
-            world.step()
+        steps(world, 1000)
         fallen = 100.0 - box.pose().xyz[2]
     yield Row("path after 1 s", "4.9 m plus half a step", abs(fallen - G / 2 * 1.001), 1e-9, "m")
 
@@ -130,7 +142,6 @@ def energy_and_momentum() -> Iterator[Row]:
 
 
 def _momentum(robot: Robot) -> np.ndarray:
-    """Return linear and angular momentum, about the centre of mass, in world axes."""
     q, v, _ = robot.model.read_joints()
     pose, twist = robot.model.pose(), robot.model.twist()
     turn = pose.matrix()[:3, :3]
@@ -146,14 +157,11 @@ def slope() -> Iterator[Row]:
     """Compare a cube with friction 0.5 on an inclined plane with friction 1."""
     for degrees in (20.0, 35.0):
         angle = math.radians(degrees)
-        with World(gravity=(G * math.sin(angle), 0.0, -G * math.cos(angle))) as world:
-            world.spawn_ground_plane()
+        with _on_ground(angle) as world:
             box = world.spawn(parse_urdf(_box((0.4, 0.4, 0.1), 0.5)), "m", Pose((0, 0, 0.05)))
-            for _ in range(300):
-                world.step()
+            steps(world, 300)
             at, speed = box.pose().xyz[0], _speed(box)
-            for _ in range(300):
-                world.step()
+            steps(world, 300)
             if degrees < 26.0:
                 yield Row(f"held at {degrees:g}°", "at rest",
                           1e3 * abs(box.pose().xyz[0] - at) / 0.3, 0.1, "mm/s")
@@ -170,15 +178,12 @@ def contact_friction() -> Iterator[Row]:
     for size, name in (((0.2, 0.2, 0.2), "cube"), ((0.4, 0.2, 0.1), "long box"),
                        ((0.6, 0.1, 0.1), "beam")):
         for degrees in (0.0, 30.0):
-            with World() as world:
-                world.spawn_ground_plane()
+            with _on_ground() as world:
                 box = world.spawn(parse_urdf(_box(size, 0.5)), "m", Pose((0, 0, size[2] / 2)))
-                for _ in range(200):
-                    world.step()
+                steps(world, 200)
                 aim = math.radians(degrees)
                 box.set_twist(Twist((2 * math.cos(aim), 2 * math.sin(aim), 0.0)))
-                for _ in range(200):
-                    world.step()
+                steps(world, 200)
                 found = (2.0 - _speed(box)) / 0.2 / G
                 way = _way(box) - degrees
             case = f"{name}, {degrees:g}° to its edges"
@@ -198,23 +203,18 @@ def rolling() -> Iterator[Row]:
         for degrees in (5.0, 10.0, 20.0):
             angle = math.radians(degrees)
             expected = G * math.sin(angle) / (1.0 + inertia[2] / 0.02)
-            with World(gravity=(G * math.sin(angle), 0.0, -G * math.cos(angle))) as world:
-                world.spawn_ground_plane()
+            with _on_ground(angle) as world:
                 body = world.spawn(described, "m", Pose((0, 0, 0.1)))
-                for _ in range(1000):
-                    world.step()
+                steps(world, 1000)
                 found = body.twist().linear[0] / 1.0
             yield Row(f"{name} on {degrees:g}°", f"{expected:.3f} m/s²",
                       abs(found / expected - 1.0), 0.01)
-    with World() as world:
-        world.spawn_ground_plane()
+    with _on_ground() as world:
         cart = world.spawn(parse_urdf(_cart()), "m", Pose((0, 0, 0.1)))
-        for _ in range(100):
-            world.step()
+        steps(world, 100)
         cart.set_twist(Twist((1.0, 0.0, 0.0)))
         cart.joints.restore([(0.0, 10.0)] * 4)
-        for _ in range(2000):
-            world.step()
+        steps(world, 2000)
         yield Row("speed of a cart after 2 s", "1 m/s", abs(cart.twist().linear[0] - 1.0), 0.01,
                   "m/s")
         yield Row("height of the cart", "0.1 m", 1e3 * abs(cart.pose().xyz[2] - 0.1), 0.05, "mm")
@@ -254,16 +254,14 @@ def drops() -> Iterator[Row]:
         balls = [world.spawn(parse_urdf(f'<robot name="r">{ball}</robot>'), f"ball{k}",
                              Pose((0.1003 * k, 0.0, 0.0))) for k in range(2)]
         balls[0].set_twist(Twist((5.9, 0.0, 0.0)))
-        for _ in range(50):
-            world.step()
+        steps(world, 50)
         parted = balls[1].twist().linear[0] - balls[0].twist().linear[0]
     yield Row("two balls at 5.9 m/s, restitution 0", "stay together", abs(parted) / 5.9, 0.01)
 
 
 def _rebound(described: RobotDescription, height: float, speed: float) -> float:
     """Return the ratio of the speeds of a body after and before its impact on the ground."""
-    with World() as world:
-        world.spawn_ground_plane()
+    with _on_ground() as world:
         body = world.spawn(described, "m", Pose((0, 0, height)))
         body.set_twist(Twist((0.0, 0.0, -speed)))
         before = after = 0.0
@@ -293,8 +291,7 @@ def distant_bodies() -> Iterator[Row]:
 
 def _thrown_about(model: RobotDescription | None, at: Pose) -> np.ndarray:
     """Return the joint positions, one row per step."""
-    robot = ArasRobot()
-    try:
+    with closing(ArasRobot()) as robot:
         if model is not None:
             robot.simulation.spawn(model, "other", at)
         seen = []
@@ -304,22 +301,17 @@ def _thrown_about(model: RobotDescription | None, at: Pose) -> np.ndarray:
             robot.steps(1)
             seen.append(robot.model.read_joints()[0])
         return np.array(seen)
-    finally:
-        robot.close()
 
 
 @check("closed form", quick=True)
 def stack() -> Iterator[Row]:
     """Measure the drift of a stack of three cubes over 2 s."""
-    with World() as world:
-        world.spawn_ground_plane()
+    with _on_ground() as world:
         cubes = [world.spawn(parse_urdf(_box((0.2, 0.2, 0.2), 0.5)), f"cube{k}",
                              Pose((0, 0, 0.1 + 0.2 * k))) for k in range(3)]
-        for _ in range(500):
-            world.step()
+        steps(world, 500)
         begun = [cube.pose().xyz for cube in cubes]
-        for _ in range(2000):
-            world.step()
+        steps(world, 2000)
         moved = max(math.dist(a, cube.pose().xyz) for a, cube in zip(begun, cubes, strict=True))
     yield Row("displacement of the highest box in 2 s", "none", 1e3 * moved, 0.1, "mm")
 
@@ -327,8 +319,7 @@ def stack() -> Iterator[Row]:
 @check("a base at rest")
 def free_base_at_rest() -> Iterator[Row]:
     """Measure the drift of a free base of 1.7 t, for a minute at rest and a minute of motion."""
-    robot = ArasRobot()
-    try:
+    with closing(ArasRobot()) as robot:
         robot.steps(1000)
         for what, poses in (("at rest", ((0.0,) * 6,) * 2),
                             ("while the arm moves", ((0.5, 0.5, 0.3, -0.3, -0.3, 0.5),
@@ -342,5 +333,3 @@ def free_base_at_rest() -> Iterator[Row]:
             yield Row(f"displacement in a minute, {what}", "none",
                       1e3 * math.dist(begun.xyz, now.xyz), 0.1, "mm")
             yield Row(f"rotation in a minute, {what}", "none", math.degrees(turned), 0.01, "°")
-    finally:
-        robot.close()

@@ -29,7 +29,6 @@ class Reference:
         self.q, self.v = np.zeros(model.nv), np.zeros(model.nv)
 
     def step(self, effort: np.ndarray, dt: float) -> None:
-        """Advance by a step of dt, s."""
         half = pinocchio.crba(self._model, self._data, self.q)
         mass = np.triu(half) + np.triu(half, 1).T
         bias = pinocchio.nonLinearEffects(self._model, self._data, self.q, self.v)

@@ -15,7 +15,6 @@ OUTCOMES = "The servo loop reports a correct outcome in "  # start of the senten
 
 
 def with_result(page: str) -> str:
-    """Return the page with an updated summary."""
     lines = "".join(f"- {line}\n" for line in result(page))
     if not lines:
         return page
@@ -58,6 +57,5 @@ def result(page: str) -> list[str]:
 
 
 def _share(row: list[str]) -> float:
-    """Return the ratio of the measured value of a row to its bound."""
     measured, bound = (float(re.match(r"[-+.\deE]+", cell)[0]) for cell in row[4:6])
     return measured / bound if bound else 0.0

@@ -106,7 +106,6 @@ class Robot:
         self.mj_v = [self.mj.jnt_dofadr[i] for i in ids]
 
     def close(self) -> None:
-        """Disconnect from Bullet."""
         self.world.close()
 
     def __enter__(self) -> Robot:
@@ -118,7 +117,6 @@ class Robot:
     # ------------------------------------------------------------------ bridge
 
     def set_state(self, q: Sequence[float], v: Sequence[float]) -> None:
-        """Set the joint positions and velocities of the bridge's model."""
         self.model.joints.restore(list(zip(map(float, q), map(float, v), strict=True)))
 
     def step(self, efforts: Sequence[float]) -> np.ndarray:
@@ -132,7 +130,6 @@ class Robot:
     # ------------------------------------------------------------------ Pinocchio
 
     def pin_state(self, q: Sequence[float], pose: Pose = Pose()) -> np.ndarray:  # noqa: B008
-        """Return Pinocchio's configuration vector."""
         full = pinocchio.neutral(self.pin)
         if self.free:
             full[:7] = [*pose.xyz, *pose.quat]
@@ -148,7 +145,6 @@ class Robot:
 
 
 def without_losses(description: RobotDescription) -> RobotDescription:
-    """Remove damping, friction, mimics and stops of all joints."""
     joints = {
         name: replace(joint, damping=0.0, friction=0.0, mimic=None,
                       kind="continuous" if joint.kind == "revolute" else joint.kind,

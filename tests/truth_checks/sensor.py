@@ -2,32 +2,26 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import dataclass
 
 import numpy as np
+from scenes import Bench, link_pose, looking
 
 from aras_sim_bridge.camera import CameraConfig, CameraReading, CameraSensor
-from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.description import RobotDescription, parse_urdf
 from aras_sim_bridge.rendering import create_renderer
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_sim_bridge.world import Pose, Twist
 
 from .check import Row, check
-from .robots import SOURCES
-
-sys.path.append(str(SOURCES.parent / "tests" / "unit" / "camera"))
-
-from scenes import Bench, link_pose, looking  # noqa: E402
 
 _EYE = looking((0.0, 0.0, 0.6), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 
 
 @dataclass(frozen=True)
 class _Figures:
-    """Figures of a sensor from an EMVA 1288 data sheet."""
-
     gain: float  # grey levels per electron
     full_well: float  # e-
     read_noise: float  # e-
@@ -43,8 +37,7 @@ _SENSORS = {
 
 def _pairs(figures: _Figures, exposures: np.ndarray) -> Iterator[tuple[float, float]]:
     """Yield mean and temporal variance of two images of a grey wall at each exposure."""
-    bench = Bench()
-    try:
+    with closing(Bench()) as bench:
         bench.box([5.0, 5.0, 0.05], [0, 0, -0.05], "Gazebo/Grey")
         renderer = create_renderer("exact", bench.world)
         for exposure in exposures:
@@ -59,8 +52,6 @@ def _pairs(figures: _Figures, exposures: np.ndarray) -> Iterator[tuple[float, fl
             one, other = (sensor.capture(link_pose(_EYE), sensor.due_ns).image.astype(float)
                           for _ in range(2))  # fmt: skip
             yield (one + other).mean() / 2.0 - 8.0, (one - other).var() / 2.0
-    finally:
-        bench.close()
 
 
 @check("EMVA 1288's photon transfer", quick=True)
@@ -85,26 +76,29 @@ def sensor_noise() -> Iterator[Row]:
 
 
 _SPEED, _DEEP = 0.8, 0.6  # speed along the rows, m/s; distance from the camera, m
-_BAR = """<robot name="bar"><link name="base"><inertial><mass value="1"/>
+WALL = parse_urdf("""<robot name="wall"><link name="world"><visual><origin xyz="0 0 -0.1"/>
+<geometry><box size="6 6 0.1"/></geometry></visual></link></robot>""")
+
+
+def black_plate(x: float, y: float) -> RobotDescription:
+    """A thin black body of these lengths, m."""
+    return parse_urdf(f"""<robot name="plate"><link name="base"><inertial><mass value="1"/>
 <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
-<visual><geometry><box size="0.03 0.6 0.00001"/></geometry></visual></link>
-<gazebo reference="base"><material>Gazebo/Black</material></gazebo></robot>"""
-_WALL = """<robot name="wall"><link name="world"><visual><origin xyz="0 0 -0.1"/>
-<geometry><box size="6 6 0.1"/></geometry></visual></link></robot>"""
+<visual><geometry><box size="{x} {y} 0.00001"/></geometry></visual></link>
+<gazebo reference="base"><material>Gazebo/Black</material></gazebo></robot>""")
+
+
+def weightless() -> Simulation:
+    return Simulation(SimulationConfig(gravity=(0.0, 0.0, 0.0), ground_plane=False))
 
 
 def _passing(
     effects: dict[str, float],
 ) -> tuple[np.ndarray, np.ndarray, float, list[CameraReading]]:
-    """Take images of a black bar that moves along the rows of a camera.
-
-    Returns the rows (h,), the column (h,) that the bar's middle has at time 0, the px that it moves
-    in a second, and the frames.
-    """
-    simulation = Simulation(SimulationConfig(gravity=(0.0, 0.0, 0.0), ground_plane=False))
-    try:
-        simulation.spawn(parse_urdf(_WALL), "wall")
-        bar = simulation.spawn(parse_urdf(_BAR), "bar", Pose((-0.2, 0.0, 0.0)))
+    """Take images of a black bar that moves along the rows of a camera."""
+    with closing(weightless()) as simulation:
+        simulation.spawn(WALL, "wall")
+        bar = simulation.spawn(black_plate(0.03, 0.6), "bar", Pose((-0.2, 0.0, 0.0)))
         # The camera looks down, along its +x; +x of the world is to the left in its images.
         camera = simulation.add_camera("watch", {
             "parent": "world", "pose": [0.0, 0.0, _DEEP, np.pi / 2, np.pi / 2, 0.0], "near": 0.02,
@@ -117,8 +111,6 @@ def _passing(
             simulation.step(420_000_000)
         seen = camera.parent_T_optical[:3, :3].T @ [1.0, 0.0, 0.0]
         K = camera.sensor.info.K
-    finally:
-        simulation.close()
     per_second = K[0, 0] * seen[0] * _SPEED / _DEEP
     rows = np.arange(240.0)
     return rows, np.full(240, K[0, 2] - 0.2 / _SPEED * per_second), per_second, frames

@@ -67,16 +67,12 @@ def _stable_gains(robot: str, of_speed: bool) -> dict[str, dict[str, float]]:
 
 @cache
 def _shipped_gains() -> dict[str, dict[str, float]]:
-    """Return the default PID gains by joint."""
     tree = yaml.safe_load(_SETTINGS.read_text())["aras_visual_servo"]
     return {c["joint"]: c["pid"] for c in tree.values() if "joint" in c}
 
 
 def _description(robot: str, interface: str, strong: bool) -> tuple[RobotDescription, list[str]]:
-    """Return the robot with a transmission for each joint that is not a mimic, and these joints.
-
-    strong: True for effort limits of 1e9, the largest that the bridge accepts.
-    """
+    """Return the robot with a transmission for each joint that is not a mimic, and these joints."""
     bare = parse_urdf(bare_urdf(robot))
     joints = [j.name for j in bare.joints.values() if j.is_movable and j.mimic is None]
     bolt = f'<gazebo reference="{bare.root}"><kinematic>true</kinematic></gazebo>'
@@ -94,8 +90,6 @@ def _description(robot: str, interface: str, strong: bool) -> tuple[RobotDescrip
 
 @dataclass
 class Rig:
-    """Robot with one kind of controller for each joint."""
-
     robot: str
     kind: str
     limits_as: str
@@ -135,7 +129,6 @@ class Rig:
 
     @property
     def _places(self) -> bool:
-        """True if commands are positions."""
         return self.kind in ("effort PID", "position", "position PID")
 
     def steps(self, count: int) -> None:
@@ -150,11 +143,9 @@ class Rig:
                         self.found.beyond = max(self.found.beyond, over / (upper - lower))
 
     def positions(self) -> dict[str, float]:
-        """Return the positions by joint, rad or m."""
         return dict(zip(self.model.joint_names, self.model.read_joints()[0], strict=True))
 
     def command(self, joint: str, value: float) -> None:
-        """Command a joint in the unit of its controller."""
         self.simulation.robots["robot"].command(f"{joint}_c", value)
 
     def middle(self, joint: str) -> float:

@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
-import sys
 import tempfile
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import yaml
+from scenes import Bench, link_pose, looking, to_camera
+from wall import SIDE, TEXELS, aslant, blocks, errors, wall
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.rendering import Lighting, View, create_renderer
-from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_sim_bridge.world import Pose, Twist
 
 from .check import Row, check
 from .robots import SOURCES
-
-sys.path.append(str(SOURCES.parent / "tests" / "unit" / "camera"))
-
-from scenes import Bench, link_pose, looking, to_camera  # noqa: E402
-from wall import SIDE, TEXELS, aslant, blocks, errors, wall  # noqa: E402
+from .sensor import WALL, black_plate, weightless
 
 _PRESETS = SOURCES / "aras_visual_servo_gazebo" / "config" / "cameras"
 _SIZE = {"width": 480, "height": 360}
@@ -49,13 +47,13 @@ _EXACT = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-12)
 _EYE = looking((0.06, -0.04, 0.5), (0.02, 0.01, 0.0), (0.0, 1.0, 0.0))
 
 
-def _configs() -> Iterator[tuple[str, CameraConfig]]:
-    for name, values in _LENSES.items():
-        yield name, CameraConfig.from_mapping(values)
-    for path in sorted(_PRESETS.glob("*.yaml")):
-        values = yaml.safe_load(path.read_text())
-        values.pop("effects", None)
-        yield f"preset {path.stem}", CameraConfig.from_mapping(values)
+def _configs(**more: Any) -> Iterator[tuple[str, CameraConfig]]:
+    """Yield all lenses and presets, without effects, with more settings."""
+    lenses = _LENSES | {f"preset {path.stem}": yaml.safe_load(path.read_text())
+                        for path in sorted(_PRESETS.glob("*.yaml"))}  # fmt: skip
+    for name, values in lenses.items():
+        plain = {key: value for key, value in values.items() if key != "effects"}
+        yield name, CameraConfig.from_mapping({**plain, **more})
 
 
 def _shot(config: CameraConfig, bench: Bench) -> tuple[CameraSensor, np.ndarray, np.ndarray | None,
@@ -67,18 +65,20 @@ def _shot(config: CameraConfig, bench: Bench) -> tuple[CameraSensor, np.ndarray,
     return sensor, image.astype(float), frame.depth, frame.segmentation
 
 
+def _lens(sensor: CameraSensor) -> tuple[Any, np.ndarray, np.ndarray]:
+    """OpenCV's module for a published CameraInfo, K, and D."""
+    info = sensor.info
+    return (cv2.fisheye if info.model == "equidistant" else cv2, np.array(info.K, float),
+            np.array(info.D, float))  # fmt: skip
+
+
 def _pixels(sensor: CameraSensor, points: np.ndarray) -> np.ndarray:
     """Project points of the world to pixels (N, 2), by OpenCV with the published CameraInfo."""
-    info, zero = sensor.info, np.zeros(3)
-    seen = to_camera(_EYE, points)[:, None]
-    K, D = np.array(info.K, float), np.array(info.D, float)
-    if info.model == "equidistant":
-        return cv2.fisheye.projectPoints(seen, zero, zero, K, D)[0][:, 0]
-    return cv2.projectPoints(seen, zero, zero, K, D)[0][:, 0]
+    (lens, K, D), zero = _lens(sensor), np.zeros(3)
+    return lens.projectPoints(to_camera(_EYE, points)[:, None], zero, zero, K, D)[0][:, 0]
 
 
 def _centroid(outline: np.ndarray) -> np.ndarray:
-    """Return the centroid of the area within a closed outline (N, 2)."""
     x, y = outline.T
     nx, ny = np.roll(outline, -1, axis=0).T
     part = x * ny - nx * y
@@ -93,16 +93,13 @@ def projection() -> Iterator[Row]:
         np.stack([side, -np.ones(40)], 1), np.stack([np.ones(40), side], 1),
         np.stack([-side, np.ones(40)], 1), np.stack([-np.ones(40), -side], 1)])
     for name, config in _configs():
-        bench = Bench()
-        try:
+        with closing(Bench()) as bench:
             bench.box([5.0, 5.0, 0.05], [0, 0, -0.05])
             spots = [(x, y) for x in np.linspace(-0.16, 0.16, 5)
                      for y in np.linspace(-0.12, 0.12, 5)]
             for x, y in spots:
                 bench.box([half, half, 1e-5], [x, y, 0.0], "Gazebo/Black")
             sensor, image, _, _ = _shot(config, bench)
-        finally:
-            bench.close()
         errors = []
         for x, y in spots:
             expected = _pixels(sensor, np.column_stack([outline + (x, y), np.full(160, 1e-5)]))
@@ -123,20 +120,14 @@ def projection() -> Iterator[Row]:
 
 def _rays(sensor: CameraSensor) -> np.ndarray:
     """Return ray directions (H, W, 3) with z = 1 from OpenCV; NaN beyond 76° from the axis."""
-    info, config = sensor.info, sensor.config
+    (lens, K, D), config = _lens(sensor), sensor.config
     grid = np.stack(np.meshgrid(np.arange(config.width), np.arange(config.height)), -1)
-    points = grid.reshape(-1, 1, 2).astype(float)
-    K, D = np.array(info.K, float), np.array(info.D, float)
-    if info.model == "equidistant":
-        flat = cv2.fisheye.undistortPoints(points, K, D, criteria=_EXACT)
-    else:
-        flat = cv2.undistortPoints(points, K, D, criteria=_EXACT)
+    flat = lens.undistortPoints(grid.reshape(-1, 1, 2).astype(float), K, D, criteria=_EXACT)
     flat = flat.reshape(config.height, config.width, 2)
-    back = cv2.projectPoints if info.model != "equidistant" else cv2.fisheye.projectPoints
     rays = np.concatenate([flat, np.ones((*flat.shape[:2], 1))], axis=-1)
-    again = back(rays.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), K, D)[0].reshape(*grid.shape)
-    lost = (np.abs(again - grid).max(axis=-1) > 1e-3) | (np.hypot(*np.moveaxis(flat, -1, 0)) > 4.0)
-    rays[lost] = np.nan
+    again = lens.projectPoints(rays.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), K, D)[0]
+    off = np.abs(again.reshape(*grid.shape) - grid).max(axis=-1)
+    rays[(off > 1e-3) | (np.hypot(*np.moveaxis(flat, -1, 0)) > 4.0)] = np.nan
     return rays
 
 
@@ -144,17 +135,11 @@ def _rays(sensor: CameraSensor) -> np.ndarray:
 def depth_and_labels() -> Iterator[Row]:
     """Compare images of a box and a floor with the intersections of rays from OpenCV."""
     top, half = 0.12, np.array([0.09, 0.06])
-    for name, config in _configs():
-        config = CameraConfig.from_mapping({
-            **{k: v for k, v in _values(name).items() if k != "effects"},
-            "depth": True, "segmentation": True})
-        bench = Bench()
-        try:
+    for name, config in _configs(depth=True, segmentation=True):
+        with closing(Bench()) as bench:
             floor = bench.box([5.0, 5.0, 0.05], [0, 0, -0.05])
             box = bench.box([*half, top / 2], [0, 0, top / 2], "Gazebo/Red")
             sensor, _, depth, labels = _shot(config, bench)
-        finally:
-            bench.close()
         rays = _rays(sensor)
         turn, eye = _EYE[:3, :3], _EYE[:3, 3]
         world = rays @ turn.T
@@ -191,8 +176,7 @@ def thin_objects() -> Iterator[Row]:
     K = np.array([[focal, 0, 23.5], [0, focal, 19.5], [0, 0, 1.0]])
     places = np.random.default_rng(5).uniform(-0.5, 0.5, (50, 2)) / focal
     for wide in (0.1, 0.3, 0.5, 1.0, 2.0):
-        bench = Bench()
-        try:
+        with closing(Bench()) as bench:
             bench.box([1.5, 1.5, 0.05], [0, 0, -0.06])
             bench.box([long / focal / 2, wide / focal / 2, 1e-6], [0, 0, -1e-6], "Gazebo/Black")
             renderer = create_renderer("exact", bench.world, Lighting(ambient=1.0, diffuse=0.0))
@@ -204,8 +188,6 @@ def thin_objects() -> Iterator[Row]:
                     picture = renderer.render(View(48, 40, eye, K))[..., 0]
                     area = (1.0 - picture / 255.0).sum()
                     worst = max(worst, abs(area / (long * wide) - 1.0))
-        finally:
-            bench.close()
         yield Row(f"wire of {wide:g} px, 12 angles, 50 positions", "its width", worst, 0.02)
 
 
@@ -274,18 +256,6 @@ def edges_in_the_sun() -> Iterator[Row]:
             bench.close()
 
 
-def _values(name: str) -> dict:
-    if name in _LENSES:
-        return _LENSES[name]
-    return yaml.safe_load((_PRESETS / f"{name.removeprefix('preset ')}.yaml").read_text())
-
-
-_MOVER = """<robot name="mover"><link name="base"><inertial><mass value="1"/>
-<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
-<visual><geometry><box size="0.05 0.05 0.00001"/></geometry></visual></link>
-<gazebo reference="base"><material>Gazebo/Black</material></gazebo></robot>"""
-_WALL = """<robot name="wall"><link name="world"><visual><origin xyz="0 0 -0.1"/>
-<geometry><box size="6 6 0.1"/></geometry></visual></link></robot>"""
 _WATCH = """<robot name="watch"><link name="world"/><link name="eye"/>
 <joint name="j" type="fixed"><parent link="world"/><child link="eye"/></joint>
 <gazebo reference="eye"><sensor type="camera" name="eye"><update_rate>30</update_rate><camera>
@@ -296,10 +266,9 @@ _WATCH = """<robot name="watch"><link name="world"/><link name="eye"/>
 @check("a body of known speed", quick=True)
 def exposure_instants() -> Iterator[Row]:
     """Compute the exposure instant from the image position of a square that moves at 1 m/s."""
-    simulation = Simulation(SimulationConfig(gravity=(0.0, 0.0, 0.0), ground_plane=False))
-    try:
-        simulation.spawn(parse_urdf(_WALL), "wall")
-        mover = simulation.spawn(parse_urdf(_MOVER), "mover", Pose((-0.25, 0.0, 0.0)))
+    with closing(weightless()) as simulation:
+        simulation.spawn(WALL, "wall")
+        mover = simulation.spawn(black_plate(0.05, 0.05), "mover", Pose((-0.25, 0.0, 0.0)))
         # The camera looks down, along +x of its link, with its rows parallel to the motion.
         simulation.spawn(parse_urdf(_WATCH), "watch",
                          Pose.from_rpy((0.0, 0.0, 0.6), (np.pi / 2, np.pi / 2, 0.0)))
@@ -310,8 +279,6 @@ def exposure_instants() -> Iterator[Row]:
         mover.set_twist(Twist((1.0, 0.0, 0.0)))
         for _ in range(500):
             simulation.step()
-    finally:
-        simulation.close()
     late = []
     for frame in frames:
         image = frame.image[..., 0].astype(float)
@@ -331,8 +298,7 @@ def exposure_instants() -> Iterator[Row]:
 @check("the normal distribution")
 def noise() -> Iterator[Row]:
     """Compare noise of 5 grey levels in 100 images of a grey wall with the normal distribution."""
-    bench = Bench()
-    try:
+    with closing(Bench()) as bench:
         bench.box([5.0, 5.0, 0.05], [0, 0, -0.05], "Gazebo/Grey")
         sensor = CameraSensor(CameraConfig.from_mapping({
             "width": 320, "height": 240, "horizontal_fov": 1.0, "format": "mono16", "seed": 7,
@@ -343,8 +309,6 @@ def noise() -> Iterator[Row]:
         still = clean.capture(link_pose(_EYE), clean.due_ns).image.astype(float)
         pictures = [sensor.capture(link_pose(_EYE), sensor.due_ns).image - still
                     for _ in range(100)]
-    finally:
-        bench.close()
     values = np.array(pictures) / 257.0  # from mono16 to grey levels
     yield Row("standard deviation", "5 grey levels", float(abs(values.std() / 5.0 - 1.0)), 1e-3)
     yield Row("mean", "0", float(abs(values.mean())), 5e-3, "grey levels")

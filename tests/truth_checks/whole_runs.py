@@ -31,10 +31,7 @@ STEP, GAIN, STEPS, MIN_ERROR = 0.02, 2.0, 4000, 1e-12
 
 
 class MujocoArm:
-    """Kinematics of the camera on the default arm, from MuJoCo."""
-
     def __init__(self, names: tuple[str, ...]) -> None:
-        """Load the arm; `names` are the joints in the order of the joint vectors."""
         compiler = '<mujoco><compiler discardvisual="true" fusestatic="false" boundmass="1e-6" ' \
                    'boundinertia="1e-9"/></mujoco>'
         text = re.sub(r"(<robot[^>]*>)", rf"\1{compiler}", bare_urdf("shipped arm"), count=1)
@@ -65,7 +62,6 @@ class MujocoArm:
 
 
 def _pose(six: list[float]) -> np.ndarray:
-    """Return the pose (4, 4) of x, y, z, roll, pitch, yaw."""
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_euler("xyz", six[3:]).as_matrix()
     pose[:3, 3] = six[:3]
@@ -95,10 +91,7 @@ def _servo(
     corners: np.ndarray, goal: np.ndarray, pose: np.ndarray,
     move: Callable[[np.ndarray], np.ndarray],
 ) -> np.ndarray:
-    """Return the final world_T_camera (4, 4) of a servo loop that starts at a pose.
-
-    move: applies the camera's displacement (6,) and returns the new pose.
-    """
+    """Return the final world_T_camera (4, 4) of a servo loop that starts at a pose."""
     desired = _image(corners, goal)
     for _ in range(STEPS):
         seen = _image(corners, pose)
@@ -109,7 +102,6 @@ def _servo(
 
 
 def _make_free_motion(pose: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """Return `move` of a free camera."""
     def move(displacement: np.ndarray) -> np.ndarray:
         nonlocal pose
         a, b, c = displacement[3:]
@@ -123,7 +115,6 @@ def _make_free_motion(pose: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
 
 
 def _make_arm_motion(arm: MujocoArm, q: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """Return `move` of the camera on the arm."""
     def move(displacement: np.ndarray) -> np.ndarray:
         nonlocal q
         q = q + np.linalg.solve(arm.jacobian(q), displacement)
@@ -156,10 +147,7 @@ def _keys(number: int) -> dict[str, Any]:
 
 
 def _repeated(keys: dict[str, Any]) -> tuple[Run, np.ndarray, float]:
-    """Return a run, the final pose of the independent loop, and the largest position error, m.
-
-    The error is that of the arm's camera, compared with MuJoCo at the measured joints.
-    """
+    """Return a run, the final pose of the independent loop, and the largest position error, m."""
     found = run(Experiment.from_mapping(keys))
     flat = np.column_stack([keys["target"]["shape"], np.zeros(4), np.ones(4)])
     corners = (flat @ _pose(keys["target"]["pose"]).T)[:, :3]

@@ -26,10 +26,8 @@ OUTLINES = (
 
 @dataclass(frozen=True)
 class Event:
-    """Event during a run, `at` s after its first image.
-
-    what: "hold", "stop", "joints_end" (joint states end), "images_end" or "joints_stick".
-    """
+    """Event during a run, `at` s after its first image: "hold", "stop", "joints_end" (joint states
+    end), "images_end" or "joints_stick"."""
 
     what: str
     at: float
@@ -37,10 +35,7 @@ class Event:
 
 @dataclass(frozen=True)
 class Trial:
-    """One run: kind, number, keys of the experiment, correct outcomes.
-
-    right: kinds of correct outcomes; 'converged' includes 'converged up to ...'.
-    """
+    """One run, and its correct outcomes; 'converged' includes 'converged up to ...'."""
 
     kind: str
     number: int
@@ -77,10 +72,7 @@ KINDS: dict[str, Kind] = {}
 
 
 def kind(
-    *right: str,
-    event: Callable[[Draw], Event] | None = None,
-    faults: int = 1,
-    alike: bool = False,
+    *right: str, event: Callable[[Draw], Event] | None = None, faults: int = 1, alike: bool = False
 ) -> Callable[[Callable[[Draw], Changes]], Callable[[Draw], Changes]]:
     """Register a function that draws the keys of an experiment as a kind."""
 
@@ -90,6 +82,23 @@ def kind(
         return draw
 
     return register
+
+
+def changed(name: str, right: tuple[str, ...], plants: tuple[str, ...], text: str,
+            event: tuple[str, float, float] | None = None, **keys: Any) -> None:  # fmt: skip
+    """Register a kind whose runs are `healthy` ones with other keys: values, functions of the
+    generator, or the ends of a range to draw from. event: what happens, and the range of its time.
+    """
+    def draw(random: Draw) -> Changes:
+        made = healthy(random, plants)
+        for key, value in keys.items():
+            ends = isinstance(value, tuple)
+            made[key] = float(random.uniform(*value)) if ends else (
+                value(random) if callable(value) else value)  # fmt: skip
+        return made
+
+    draw.__name__, draw.__doc__ = name, text
+    kind(*right, event=event and (lambda random: Event(event[0], random.uniform(*event[1:]))))(draw)
 
 
 # -- parts of experiments -----------------------------------------------------------
@@ -137,15 +146,18 @@ def healthy(random: Draw, plants: tuple[str, ...] = PLANTS,
     measure the tilt.
     """
     plant, scheme = str(random.choice(plants)), str(random.choice(schemes))
-    keys: Changes = {
-        "plant": plant, "scheme": scheme, "start": sampler(random),
-        "duration": 12.0, "time_after_convergence": 0.3, "gain": float(random.uniform(1.5, 3.0)),
-    }  # fmt: skip
+    keys: Changes = {"plant": plant, "scheme": scheme, "start": sampler(random), "duration": 12.0,
+                     "time_after_convergence": 0.3, "gain": float(random.uniform(1.5, 3.0))}
     leans = plant != "free" and scheme != "moments"
     if own or leans or scheme not in ("points", "moments") or random.random() < 0.5:
         size = float(random.uniform(0.09, 0.12)) if leans else None
         keys |= {"target": placed(random, size=size), "goal": goal_above(random, leans)}
     return keys
+
+
+def on_one_axis(value: float, axis: int) -> list[float]:
+    """Return x, y, z of a vector along one axis."""
+    return [value if i == axis else 0.0 for i in range(3)]
 
 
 def pictured(random: Draw, **given: Any) -> Changes:
@@ -204,11 +216,9 @@ def marker_target(random: Draw) -> Changes:
             "noise": float(random.uniform(0.0, 2.0))}  # fmt: skip
 
 
-@kind("converged")
-def wrong_depth(random: Draw) -> Changes:
-    """A calibrated depth of 0.6 to 1.6 times the true depth."""
-    keys = healthy(random, ("chain", "free"))
-    return {**keys, "calibration_offset": {"depth": float(random.choice([0.6, 0.75, 1.3, 1.6]))}}
+changed("wrong_depth", ("converged",), ("chain", "free"),
+        "A calibrated depth of 0.6 to 1.6 times the true depth.",
+        calibration_offset=lambda random: {"depth": float(random.choice([0.6, 0.75, 1.3, 1.6]))})
 
 
 @kind("converged", faults=0)
@@ -216,11 +226,10 @@ def rate_known(random: Draw) -> Changes:
     """A target that moves at 30 mm/s, and a scheme that compensates this motion."""
     return {
         "plant": str(random.choice(["chain", "free"])), "features": "exact",
-        "scheme": "outcome_campaign.schemes:Following", "target": {
-            **placed(random), "motion": {"velocity": [0.03, 0, 0, 0, 0, 0]}},
+        "scheme": "outcome_campaign.schemes:Following",
+        "target": {**placed(random), "motion": {"velocity": [0.03, 0, 0, 0, 0, 0]}},
         "goal": goal_above(random), "start": sampler(random), "duration": 6.0,
-        "time_after_convergence": 0.5,
-        "gain": 3.0,
+        "time_after_convergence": 0.5, "gain": 3.0,
     }  # fmt: skip
 
 
@@ -246,8 +255,7 @@ def goal_shown_by_wrong_mounting(random: Draw) -> Changes:
     """A taught goal; the hand-eye calibration is wrong by 3 to 8 degrees."""
     keys = healthy(random, ("chain", "bullet"))
     turn = float(np.radians(random.uniform(3.0, 8.0)))
-    axis = random.choice(3)
-    return {**keys, "calibration_offset": {"rpy": [turn if i == axis else 0.0 for i in range(3)]}}
+    return {**keys, "calibration_offset": {"rpy": on_one_axis(turn, random.choice(3))}}
 
 
 @kind("wrong_camera_model")
@@ -367,33 +375,21 @@ def limit_in_the_way(random: Draw) -> Changes:
             "duration": 8.0, "time_after_convergence": 0.3}  # fmt: skip
 
 
-@kind("saturation")
-def joints_too_slow(random: Draw) -> Changes:
-    """Joints whose velocity limit is only 5 to 12 mrad/s."""
-    return {**healthy(random, ("chain",)), "duration": 8.0,
-            "controller_parameters": {"max_velocity": float(random.uniform(0.005,
-                0.012))}}  # fmt: skip
-
-
-@kind("joints_do_not_follow")
-def joints_stay_behind(random: Draw) -> Changes:
-    """Joints that follow their commands with a time constant of 3 to 8 s."""
-    return {**healthy(random, ("chain",)), "lag": float(random.uniform(3.0, 8.0))}
-
-
-@kind("joints_do_not_follow", event=lambda random: Event("joints_stick", random.uniform(0.2, 0.5)))
-def joints_stick(random: Draw) -> Changes:
-    """All joints stop during the run and ignore commands: a blocked arm."""
-    return healthy(random, ("chain",))
+changed("joints_too_slow", ("saturation",), ("chain",),
+        "Joints whose velocity limit is only 5 to 12 mrad/s.", duration=8.0,
+        controller_parameters=lambda random: {"max_velocity": float(random.uniform(0.005, 0.012))})
+changed("joints_stay_behind", ("joints_do_not_follow",), ("chain",),
+        "Joints that follow their commands with a time constant of 3 to 8 s.", lag=(3.0, 8.0))
+changed("joints_stick", ("joints_do_not_follow",), ("chain",),
+        "All joints stop during the run and ignore commands: a blocked arm.",
+        ("joints_stick", 0.2, 0.5))
 
 
 # -- the loop ----------------------------------------------------------------------------------
 
 
-@kind("gain_too_high")
-def gain_far_too_high(random: Draw) -> Changes:
-    """A gain of 42 to 50 1/s at 30 images per second."""
-    return {**healthy(random, ("chain",)), "gain": float(random.uniform(42.0, 50.0))}
+changed("gain_far_too_high", ("gain_too_high",), ("chain",),
+        "A gain of 42 to 50 1/s at 30 images per second.", gain=(42.0, 50.0))
 
 
 @kind("gain_too_high")
@@ -412,11 +408,8 @@ def images_seldom(random: Draw) -> Changes:
             "camera": {"horizontal_fov": 2.0, "update_rate": rate}}  # fmt: skip
 
 
-@kind("timed_out")
-def gain_too_low(random: Draw) -> Changes:
-    """A gain of 0.1 to 0.2 1/s and a duration of four seconds."""
-    return {**healthy(random, ("chain", "free")), "gain": float(random.uniform(0.1, 0.2)),
-            "duration": 4.0}  # fmt: skip
+changed("gain_too_low", ("timed_out",), ("chain", "free"),
+        "A gain of 0.1 to 0.2 1/s and a duration of four seconds.", gain=(0.1, 0.2), duration=4.0)
 
 
 @kind("too_few_images", "converged")
@@ -427,56 +420,29 @@ def images_dropped(random: Draw) -> Changes:
             "camera": {"horizontal_fov": 2.0, "effects": {"drop_probability": drop}}}  # fmt: skip
 
 
-@kind("too_few_images", event=lambda random: Event("images_end", random.uniform(0.3, 0.7)))
-def camera_dies(random: Draw) -> Changes:
-    """The images end during the run."""
-    return {**healthy(random), "gain": 1.0}
-
-
-@kind("no_joint_states", event=lambda random: Event("joints_end", random.uniform(0.3, 0.7)))
-def joint_states_end(random: Draw) -> Changes:
-    """The joint states end during the run."""
-    return {**healthy(random, ("chain", "bullet")), "gain": 1.0}
-
-
-@kind("held", event=lambda random: Event("hold", random.uniform(0.2, 0.6)))
-def held_by_service(random: Draw) -> Changes:
-    """The service `hold` is called during servoing."""
-    return {**healthy(random), "gain": 1.0}
-
-
-@kind("stopped", event=lambda random: Event("stop", random.uniform(0.2, 0.6)))
-def stopped_by_service(random: Draw) -> Changes:
-    """The service `stop` is called during servoing."""
-    return {**healthy(random), "gain": 1.0}
+changed("camera_dies", ("too_few_images",), PLANTS, "The images end during the run.",
+        ("images_end", 0.3, 0.7), gain=1.0)
+changed("joint_states_end", ("no_joint_states",), ("chain", "bullet"),
+        "The joint states end during the run.", ("joints_end", 0.3, 0.7), gain=1.0)
+changed("held_by_service", ("held",), PLANTS, "The service `hold` is called during servoing.",
+        ("hold", 0.2, 0.6), gain=1.0)
+changed("stopped_by_service", ("stopped",), PLANTS, "The service `stop` is called during servoing.",
+        ("stop", 0.2, 0.6), gain=1.0)
 
 
 # -- the scheme --------------------------------------------------------------------------------
 
 
-@kind("scheme_fault")
-def scheme_raises(random: Draw) -> Changes:
-    """A scheme that raises an exception."""
-    return {**healthy(random, ("chain", "free")), "scheme": "outcome_campaign.schemes:Broken"}
-
-
-@kind("scheme_fault")
-def scheme_not_finite(random: Draw) -> Changes:
-    """A feature that is NaN."""
-    return {**healthy(random, ("chain", "free")), "scheme": "outcome_campaign.schemes:NotFinite"}
-
-
-@kind("local_minimum")
-def features_contradict(random: Draw) -> Changes:
-    """Features that cannot all reach their goals."""
-    return {**healthy(random, ("chain",)), "scheme": "outcome_campaign.schemes:Contrary",
-            "goal": goal_above(random)}  # fmt: skip
-
-
-@kind("singular")
-def directions_unseen(random: Draw) -> Changes:
-    """A scheme that controls six directions with only two independent features."""
-    return {**healthy(random, ("chain",)), "scheme": "outcome_campaign.schemes:Dependent"}
+changed("scheme_raises", ("scheme_fault",), ("chain", "free"),
+        "A scheme that raises an exception.", scheme="outcome_campaign.schemes:Broken")
+changed("scheme_not_finite", ("scheme_fault",), ("chain", "free"), "A feature that is NaN.",
+        scheme="outcome_campaign.schemes:NotFinite")
+changed("features_contradict", ("local_minimum",), ("chain",),
+        "Features that cannot all reach their goals.", goal=goal_above,
+        scheme="outcome_campaign.schemes:Contrary")
+changed("directions_unseen", ("singular",), ("chain",),
+        "A scheme that controls six directions with only two independent features.",
+        scheme="outcome_campaign.schemes:Dependent")
 
 
 @kind("camera_retreat", "target_lost")
@@ -484,10 +450,8 @@ def half_turn_by_points(random: Draw) -> Changes:
     """Points with the current L, from a start rotated by 174 to 180 degrees about the optical
     axis."""
     goal = goal_above(random)
-    x, y, z, *_ = goal["pose"]
     turn = float(np.radians(random.uniform(174.0, 180.0)))
     return {"plant": "free", "features": "exact", "scheme": "points", "goal": goal,
             "controller_parameters": {"interaction": "current"}, "target": placed(random),
-            "start": {"pose": [x, y, z, DOWN, 0.0, turn]}, "duration": 10.0,
-            "time_after_convergence": 0.3,
-            "gain": 2.0}  # fmt: skip
+            "start": {"pose": [*goal["pose"][:3], DOWN, 0.0, turn]}, "duration": 10.0,
+            "time_after_convergence": 0.3, "gain": 2.0}  # fmt: skip

@@ -33,12 +33,10 @@ class Lens:
 
     @property
     def focal(self) -> float:
-        """Focal length, px."""
         half = self.keys["width"] / 2.0
         return half / (self.tangents[0] if self.tangents else self.keys["horizontal_fov"] / 2.0)
 
     def sees(self, points: np.ndarray) -> bool:
-        """Whether points (n, 3) of the camera's frame are all in the image."""
         if (points[:, 2] <= 1e-6).any():
             return False
         if self.tangents is not None:
@@ -76,7 +74,6 @@ def outline(random: Draw, corners: int = 4) -> np.ndarray:
 
 
 def polar(radii: np.ndarray, turns: np.ndarray) -> np.ndarray:
-    """Points (k, 2) at radii and angles."""
     return np.stack([radii * np.cos(turns), radii * np.sin(turns)], axis=1)
 
 
@@ -108,6 +105,20 @@ def six(pose: np.ndarray) -> list[float]:
     return [round(float(value), 9) for value in np.concatenate(xyz_rpy_from_matrix(pose))]
 
 
+def in_view(camera: Lens, shape: np.ndarray, target: np.ndarray, poses: tuple) -> bool:
+    """Whether the corners (k, 2) of a target at world_T_target (4, 4) are in the image at all poses
+    (4, 4), and the same side of it, not too flat."""
+    points = np.column_stack([shape, np.zeros(len(shape)), np.ones(len(shape))])
+    sides = []
+    for pose in poses:
+        view = inverse(pose) @ target
+        seen = (view @ points.T).T[:, :3]
+        sides.append(view[:3, 2] @ seen.mean(axis=0) / np.linalg.norm(seen.mean(axis=0)))
+        if not camera.sees(seen):
+            return False
+    return min(map(abs, sides)) > 0.5 and sides[0] * sides[1] > 0.0
+
+
 def flying(
     random: Draw, camera: Lens, corners: int = 4, lean: float = 0.8, pixels: tuple = (50, 110),
     thickness: float | None = None,
@@ -120,28 +131,18 @@ def flying(
         thickness: part of its size that the target is thick, a box; None: it is flat.
     """
     distance = float(random.uniform(0.25, 1.5))
-    wide = random.uniform(*pixels) * camera.keys["width"] / 320.0
-    size = float(distance * wide / camera.focal)
+    size = distance * random.uniform(*pixels) * camera.keys["width"] / 320.0 / camera.focal
     shape = size * outline(random, corners)
     world_T_target = moved(np.eye(4), random.uniform(-1, 1, 3), rotation(random, np.pi))
-    seen = np.column_stack([shape, np.zeros(len(shape)), np.ones(len(shape))])
     for _ in range(ATTEMPTS):
-        at_goal = facing(random, distance, lean)
-        goal = world_T_target @ inverse(at_goal)
+        goal = world_T_target @ inverse(facing(random, distance, lean))
         start = moved(goal, distance * random.uniform(-0.25, 0.25, 3), rotation(random, 0.5))
-        poses = (goal, start)
-        views = [(inverse(pose) @ world_T_target @ seen.T).T[:, :3] for pose in poses]
-        normals = [(inverse(pose) @ world_T_target)[:3, 2] for pose in poses]
-        fronts = [float(n @ v.mean(axis=0)) for n, v in zip(normals, views, strict=True)]
-        flat = [abs(f) / np.linalg.norm(v.mean(axis=0)) for f, v in zip(fronts, views, strict=True)]
-        if all(map(camera.sees, views)) and min(flat) > 0.5 and fronts[0] * fronts[1] > 0:
+        if in_view(camera, shape, world_T_target, (goal, start)):
             break
     else:
         raise RuntimeError("no start from which the target is in view")
-    if thickness is not None:
-        target: Changes = {"shape": "box", "size": [size, 0.7 * size, thickness * size]}
-    else:
-        target = {"shape": shape.round(6).tolist()}
+    target: Changes = {"shape": shape.round(6).tolist()} if thickness is None else {
+        "shape": "box", "size": [float(size), float(0.7 * size), float(thickness * size)]}
     return {
         "plant": "free", "camera": camera.keys, "target": {**target, "pose": six(world_T_target)},
         "goal": {"pose": six(goal)}, "start": {"pose": six(start)},
@@ -150,8 +151,8 @@ def flying(
 
 # -- arms ----------------------------------------------------------------------------------------
 
+
 # Of each joint: kind, x, y, z (m), roll, pitch, yaw (rad) in its parent, axis, least, greatest.
-HALF = np.pi / 2.0
 ARMS: dict[str, tuple[tuple, ...]] = {
     "scara": (
         ("revolute", (0, 0, 0.4), (0, 0, 0), (0, 0, 1), -2.6, 2.6),
@@ -165,7 +166,7 @@ ARMS: dict[str, tuple[tuple, ...]] = {
         ("revolute", (0, -0.05, 0.4), (0, 0, 0), (0, 1, 0), -0.6, 2.6),
         ("revolute", (0.1, 0, 0.15), (0, 0, 0), (1, 0, 0), -3.0, 3.0),
         ("revolute", (0.25, 0.03, 0), (0, 0, 0), (0, 1, 0), -2.0, 2.0),
-        ("revolute", (0.08, 0, 0), (0, HALF, 0), (0, 0, 1), -3.1, 3.1),
+        ("revolute", (0.08, 0, 0), (0, np.pi / 2.0, 0), (0, 0, 1), -3.1, 3.1),
     ),
     "redundant_7r": (
         ("revolute", (0, 0, 0.3), (0, 0, 0), (0, 0, 1), -2.9, 2.9),
@@ -188,9 +189,7 @@ ARMS: dict[str, tuple[tuple, ...]] = {
 
 
 def description(name: str) -> str:
-    """URDF of an arm whose tool frame is a camera's optical frame."""
-    links, joints = ['<link name="base"/>'], []
-    parent = "base"
+    links, joints, parent = ['<link name="base"/>'], [], "base"
     for i, (kind, xyz, rpy, axis, least, most) in enumerate(ARMS[name], 1):
         links.append(f'<link name="link{i}"/>')
         joints.append(
@@ -211,9 +210,8 @@ def _words(numbers: tuple) -> str:
 @functools.cache
 def arm(name: str) -> tuple[str, Arm]:
     """Path of an arm's URDF file, and its kinematics."""
-    folder = Path(tempfile.gettempdir()) / "aras_outcome_arms"
-    folder.mkdir(exist_ok=True)
-    path = folder / f"{name}.urdf"
+    path = Path(tempfile.gettempdir()) / "aras_outcome_arms" / f"{name}.urdf"
+    path.parent.mkdir(exist_ok=True)
     text = description(name)
     if not path.exists() or path.read_text(encoding="utf-8") != text:
         path.write_text(text, encoding="utf-8")
@@ -236,22 +234,15 @@ def on_arm(
     for _ in range(ATTEMPTS):
         distance = float(random.uniform(0.25, 0.7))
         wide = random.uniform(*pixels) * camera.keys["width"] / 320.0
-        size = float(distance * wide / camera.focal)
-        shape = size * outline(random)
-        seen = np.column_stack([shape, np.zeros(len(shape)), np.ones(len(shape))])
+        shape = float(distance * wide / camera.focal) * outline(random)
         q_goal = middle + half * random.uniform(-0.6, 0.6, len(middle))
         q_start = q_goal + way * half * random.uniform(-1.0, 1.0, len(middle))
-        scaled = kinematics.jacobian(q_goal)
-        scaled = scaled * np.repeat([1.0, distance], 3)[:, None]
+        scaled = kinematics.jacobian(q_goal) * np.repeat([1.0, distance], 3)[:, None]
         if np.linalg.svd(scaled)[1][-1] < 0.08:
             continue
         goal, start = kinematics.pose(q_goal), kinematics.pose(q_start)
         world_T_target = goal @ facing(random, distance, lean)
-        views = [(inverse(pose) @ world_T_target @ seen.T).T[:, :3] for pose in (goal, start)]
-        normals = [(inverse(pose) @ world_T_target)[:3, 2] for pose in (goal, start)]
-        flat = [n @ v.mean(axis=0) / np.linalg.norm(v.mean(axis=0))
-                for n, v in zip(normals, views, strict=True)]  # fmt: skip
-        if all(map(camera.sees, views)) and min(map(abs, flat)) > 0.5 and flat[0] * flat[1] > 0.0:
+        if in_view(camera, shape, world_T_target, (goal, start)):
             break
     else:
         raise RuntimeError(f"no start of {name} from which the target is in view")

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 import queue
+import re
 import time
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -25,7 +27,6 @@ class Broken(Scheme):
         self._images = 0
 
     def compute(self, observation: Observation, goal: Goal, t: float) -> SchemeOutput:
-        """Never comes to an answer."""
         raise RuntimeError("broken on purpose")
 
 
@@ -36,9 +37,15 @@ class NotFinite(Feature):
     directions = (True, True, False, False, False, False)
 
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
-        """See Feature.measure."""
         nothing = np.full(2, np.nan)
         return FeatureMeasurement(nothing, np.zeros(2), nothing, np.eye(2, 6))
+
+
+def _centre_rows(observation: Observation, goal: Goal) -> tuple[float, np.ndarray]:
+    """Depth (m) of the target, and rows (2, 6) of L of its centre."""
+    seen = observation.moments
+    depth = goal.depth * np.sqrt(goal.moments.m00 / seen.m00)
+    return depth, point_interaction(np.array([[seen.xg, seen.yg]]), np.array([1.0 / depth]))
 
 
 class Contrary(Feature):
@@ -49,12 +56,9 @@ class Contrary(Feature):
     directions = (True, True, False, False, False, False)
 
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
-        """See Feature.measure."""
-        seen = observation.moments
+        seen, (_, L) = observation.moments, _centre_rows(observation, goal)
         x, y = seen.xg - goal.moments.xg, seen.yg - goal.moments.yg
         error = np.array([x, y, x + y + 0.2])
-        depth = goal.depth * np.sqrt(goal.moments.m00 / seen.m00)
-        L = point_interaction(np.array([[seen.xg, seen.yg]]), np.array([1.0 / depth]))
         return FeatureMeasurement(error, np.zeros(3), error, np.vstack([L, L.sum(axis=0)]))
 
 
@@ -65,188 +69,130 @@ class Dependent(Contrary):
     directions = (True,) * 6
 
 
-class Following(Points):
+class Altered(Points):
+    """Points whose measurement is changed by `alter`."""
+
+    alter: Callable[..., FeatureMeasurement]
+
+    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
+        return self.alter(super().measure(observation, goal), observation)
+
+
+def altered(alter: Callable[..., FeatureMeasurement]) -> type[Altered]:
+    """Make a feature of a function that changes the measurement of points."""
+    name = re.sub("(?<=.)([A-Z])", r"_\1", alter.__name__).lower()
+    members = {"__doc__": alter.__doc__, "name": name, "alter": staticmethod(alter)}
+    return type(alter.__name__, (Altered,), members)
+
+
+@altered
+def Following(measured, observation):
     """Points of a target whose velocity is known: 30 mm/s along the world's x.
 
     The camera's own axes at the goals of this campaign: x along the world's x.
     """
-
-    name = "following"
-    SPEED = 0.03
-
-    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
-        """Points, with the rate at which the target's own motion changes them."""
-        measured = super().measure(observation, goal)
-        pose = observation.world_T_camera
-        velocity = pose[:3, :3].T @ np.array([self.SPEED, 0.0, 0.0])
-        rate = -measured.L[:, :3] @ velocity
-        return dataclasses.replace(measured, error_drift=rate)
-
-
-class NowAndThenNotFinite(Points):
-    """Points that are NaN at one image in five."""
-
-    name = "now_and_then_not_finite"
-
-    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
-        """See Feature.measure."""
-        measured = super().measure(observation, goal)
-        if not _fails(observation):
-            return measured
-        return dataclasses.replace(measured, error=np.full_like(measured.error, np.nan))
-
-
-class NowAndThenRaises(Points):
-    """Points that raise at one image in five."""
-
-    name = "now_and_then_raises"
-
-    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
-        """See Feature.measure."""
-        if _fails(observation):
-            raise ValueError("raised on purpose")
-        return super().measure(observation, goal)
-
-
-class NowAndThenShorter(Points):
-    """Points of which one is missing at one image in five."""
-
-    name = "now_and_then_shorter"
-
-    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
-        """See Feature.measure."""
-        measured = super().measure(observation, goal)
-        if not _fails(observation):
-            return measured
-        return dataclasses.replace(measured, error=measured.error[:-2])
-
-
-class WrongSign(Points):
-    """Points whose interaction matrix has the wrong sign."""
-
-    name = "wrong_sign"
-
-    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
-        """See Feature.measure."""
-        measured = super().measure(observation, goal)
-        return dataclasses.replace(measured, L=-measured.L)
-
-
-class Constant(Points):
-    """Points whose error is the same at every image."""
-
-    name = "constant"
-
-    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
-        """See Feature.measure."""
-        measured = super().measure(observation, goal)
-        return dataclasses.replace(measured, error=np.full_like(measured.error, 0.05))
-
-
-class Jumping(Points):
-    """Points to which a switch that chatters adds 0.3, at every third of ten images."""
-
-    name = "jumping"
-
-    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
-        """See Feature.measure."""
-        measured = super().measure(observation, goal)
-        high = int(10.0 * observation.stamp) % 3 == 0
-        return dataclasses.replace(measured, error=measured.error + (0.3 if high else 0.0))
-
-
-class Hanging(Points):
-    """Points that are still being computed at the end of time, from 0.2 s on."""
-
-    name = "hanging"
-
-    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
-        """See Feature.measure."""
-        while observation.stamp > 0.2:
-            self.wait()
-        return super().measure(observation, goal)
-
-    def wait(self) -> None:
-        """Nothing: the loop is busy."""
-
-
-class Sleeping(Hanging):
-    """The same, asleep again and again."""
-
-    name = "sleeping"
-
-    def wait(self) -> None:
-        """See Hanging.wait."""
-        time.sleep(0.05)
-
-
-class Waiting(Hanging):
-    """The same, in one call that waits for what never comes."""
-
-    name = "waiting"
-
-    def wait(self) -> None:
-        """See Hanging.wait."""
-        queue.Queue().get()
-
-
-class CentreAndSize(Feature):
-    """The target's centre and the logarithm of its size; subclasses misread the goal."""
-
-    name, names = "centre_and_size", ("x", "y", "log size")
-    tolerances = (1e-3, 1e-3, 1e-3)
-    directions = (True, True, True, False, False, False)
-
-    def desired(self, goal: Goal) -> np.ndarray:
-        """What the goal's centre and size are taken for, (3,)."""
-        return np.array([goal.moments.xg, goal.moments.yg, 0.5 * np.log(goal.moments.m00)])
-
-    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
-        """See Feature.measure."""
-        seen = observation.moments
-        s = np.array([seen.xg, seen.yg, 0.5 * np.log(seen.m00)])
-        wanted = self.desired(goal)
-        depth = goal.depth * np.sqrt(goal.moments.m00 / seen.m00)
-        L = np.vstack([
-            point_interaction(np.array([[seen.xg, seen.yg]]), np.array([1.0 / depth])),
-            [[0.0, 0.0, 1.0 / depth, 1.5 * seen.yg, -1.5 * seen.xg, 0.0]],
-        ])  # fmt: skip
-        return FeatureMeasurement(s, wanted, s - wanted, L)
-
-
-class SwappedGoal(CentreAndSize):
-    """x and y of the goal are swapped."""
-
-    name = "swapped_goal"
-
-    def desired(self, goal: Goal) -> np.ndarray:
-        """See CentreAndSize.desired."""
-        x, y, size = super().desired(goal)
-        return np.array([y + 0.1, x - 0.1, size])
-
-
-class CentredGoal(CentreAndSize):
-    """The goal is taken for one 0.15 beside its own centre."""
-
-    name = "centred_goal"
-
-    def desired(self, goal: Goal) -> np.ndarray:
-        """See CentreAndSize.desired."""
-        x, y, size = super().desired(goal)
-        return np.array([x + 0.15, y, size])
-
-
-class SizeGoal(CentreAndSize):
-    """The goal is taken for one that is a fifth larger."""
-
-    name = "size_goal"
-
-    def desired(self, goal: Goal) -> np.ndarray:
-        """See CentreAndSize.desired."""
-        x, y, size = super().desired(goal)
-        return np.array([x, y, size + 0.18])
+    velocity = observation.world_T_camera[:3, :3].T @ np.array([0.03, 0.0, 0.0])
+    return replace(measured, error_drift=-measured.L[:, :3] @ velocity)
 
 
 def _fails(observation: Observation) -> bool:
     """True at one image in five, on average; the same for the same stamp."""
     return int(observation.stamp * 1e6) * 2654435761 % 2**32 < 2**32 // 5
+
+
+@altered
+def NowAndThenNotFinite(measured, observation):
+    """Points that are NaN at one image in five."""
+    nothing = np.full_like(measured.error, np.nan)
+    return replace(measured, error=nothing) if _fails(observation) else measured
+
+
+@altered
+def NowAndThenRaises(measured, observation):
+    """Points that raise at one image in five."""
+    if _fails(observation):
+        raise ValueError("raised on purpose")
+    return measured
+
+
+@altered
+def NowAndThenShorter(measured, observation):
+    """Points of which one is missing at one image in five."""
+    return replace(measured, error=measured.error[:-2]) if _fails(observation) else measured
+
+
+@altered
+def WrongSign(measured, observation):
+    """Points whose interaction matrix has the wrong sign."""
+    return replace(measured, L=-measured.L)
+
+
+@altered
+def Constant(measured, observation):
+    """Points whose error is the same at every image."""
+    return replace(measured, error=np.full_like(measured.error, 0.05))
+
+
+@altered
+def Jumping(measured, observation):
+    """Points to which a switch that chatters adds 0.3, at every third of ten images."""
+    high = int(10.0 * observation.stamp) % 3 == 0
+    return replace(measured, error=measured.error + (0.3 if high else 0.0))
+
+
+class Hanging(Points):
+    """Points that are still being computed at the end of time, from 0.2 s on: the loop is busy."""
+
+    name, wait = "hanging", staticmethod(lambda: None)
+
+    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
+        while observation.stamp > 0.2:
+            self.wait()
+        return super().measure(observation, goal)
+
+
+class Sleeping(Hanging):
+    """The same, asleep again and again."""
+
+    name, wait = "sleeping", staticmethod(lambda: time.sleep(0.05))
+
+
+class Waiting(Hanging):
+    """The same, in one call that waits for what never comes."""
+
+    name, wait = "waiting", staticmethod(lambda: queue.Queue().get())
+
+
+class CentreAndSize(Feature):
+    """The target's centre and the logarithm of its size; subclasses misread those of the goal."""
+
+    name, names = "centre_and_size", ("x", "y", "log size")
+    tolerances = (1e-3, 1e-3, 1e-3)
+    directions = (True, True, True, False, False, False)
+    misread: Callable[[float, float, float], tuple[float, float, float]]
+
+    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
+        s, at_goal = (np.array([m.xg, m.yg, 0.5 * np.log(m.m00)])
+                      for m in (observation.moments, goal.moments))  # fmt: skip
+        wanted = np.array(self.misread(*at_goal))
+        depth, L = _centre_rows(observation, goal)
+        growth = [0.0, 0.0, 1.0 / depth, 1.5 * s[1], -1.5 * s[0], 0.0]
+        return FeatureMeasurement(s, wanted, s - wanted, np.vstack([L, growth]))
+
+
+class SwappedGoal(CentreAndSize):
+    """x and y of the goal are swapped."""
+
+    name, misread = "swapped_goal", staticmethod(lambda x, y, size: (y + 0.1, x - 0.1, size))
+
+
+class CentredGoal(CentreAndSize):
+    """The goal is taken for one 0.15 beside its own centre."""
+
+    name, misread = "centred_goal", staticmethod(lambda x, y, size: (x + 0.15, y, size))
+
+
+class SizeGoal(CentreAndSize):
+    """The goal is taken for one that is a fifth larger."""
+
+    name, misread = "size_goal", staticmethod(lambda x, y, size: (x, y, size + 0.18))

@@ -23,40 +23,27 @@ WIDTH = 3.0  # largest ratio of the median uncertainty to the median error
 
 
 def summary(found: Sequence[Judged]) -> dict[str, float]:
-    """Compute the figures that have bounds."""
     by_kind = {name: [f.right for f in found if f.kind == name] for name in KINDS}
     there = [f for f in found if f.converged]
     excess = np.array([f.excess for f in there])
     followed = [f.helped for f in found if f.helped is not None]
     failed = [f for f in found if not f.converged and f.said != REFUSED]
     numbers = {
-        "runs": len(found),
-        "right": _part([f.right for f in found]),
+        "runs": len(found), "right": _part([f.right for f in found]),
         "least_kind": min(_part(rights) for rights in by_kind.values() if rights),
-        "converged": len(there),
-        "exceeded": _part(list(excess > 1.0)),
+        "converged": len(there), "exceeded": _part(list(excess > 1.0)),
         "worst": float(excess.max(initial=0.0)),
-        "failed": len(failed),
-        "remedied": _part([bool(f.remedy) for f in failed]),
-        "remedies_followed": len(followed),
-        "remedies_helped": _part(followed),
-        **by_faults(found),
-    }
-    for part in ("distance", "angle"):
-        errors = np.array([getattr(f, part) for f in there])
-        bounds = np.array([getattr(f, f"open_{part}") for f in there])
-        if len(there):
-            numbers[f"median_{part}"] = float(np.median(errors))
-            numbers[f"median_open_{part}"] = float(np.median(bounds))
+        "failed": len(failed), "remedied": _part([bool(f.remedy) for f in failed]),
+        "remedies_followed": len(followed), "remedies_helped": _part(followed), **by_faults(found),
+    }  # fmt: skip
+    for part in ("distance", "angle") if there else ():
+        for name, field in ((f"median_{part}", part), (f"median_open_{part}", f"open_{part}")):
+            numbers[name] = float(np.median([getattr(f, field) for f in there]))
     return numbers
 
 
 def by_faults(found: Sequence[Judged]) -> dict[str, float]:
-    """Return the fraction of correct outcomes, by the number of injected faults.
-
-    'plain' is the fraction of plain 'converged' among runs without a fault whose target has one
-    pose and is measured accurately enough.
-    """
+    """Return the fraction of correct outcomes, by the number of injected faults."""
     parts = {
         name: [f.right for f in found if KINDS[f.kind].faults == count]
         for count, name in enumerate(("fault_free", "one_fault", "two_faults"))
@@ -70,7 +57,6 @@ def by_faults(found: Sequence[Judged]) -> dict[str, float]:
 
 
 def failures(numbers: dict[str, float]) -> list[str]:
-    """Return the bounds that are not met, as text."""
     checks = {
         f"correct in {ALL:.0%} of all runs": numbers["right"] >= ALL,
         f"correct in {EACH:.0%} of each kind": numbers["least_kind"] >= EACH,
@@ -89,37 +75,27 @@ def failures(numbers: dict[str, float]) -> list[str]:
 
 def markdown(found: Sequence[Judged]) -> str:
     """Format one row for each kind, and a sentence about the uncertainty."""
-    rows = [
-        "| injected fault | correct outcomes | reported outcomes | correct | remedy applied |",
-        "|---|---|---|---|---|",
-    ]
+    rows = ["| injected fault | correct outcomes | reported outcomes | correct | remedy applied |",
+            "|---|---|---|---|---|"]  # fmt: skip
     for name, kind in KINDS.items():
-        of_kind = [f for f in found if f.kind == name]
-        if not of_kind:
+        if not (of_kind := [f for f in found if f.kind == name]):
             continue
         said = Counter("converged" if f.converged else f.said for f in of_kind)
         words = ", ".join(f"{word} {count}" for word, count in said.most_common())
-        advice = _followed(of_kind)
         text = kind.text.replace("\n    ", " ")
-        rows.append(
-            f"| {text} | {' or '.join(kind.right)} | {words} | "
-            f"{sum(f.right for f in of_kind)} of {len(of_kind)} | {advice} |"
-        )
-    numbers = summary(found)
-    text = "\n".join(rows)
+        rights = sum(f.right for f in of_kind)
+        rows.append(f"| {text} | {' or '.join(kind.right)} | {words} | {rights}"
+                    f" of {len(of_kind)} | {_followed(of_kind)} |")  # fmt: skip
+    numbers, text = summary(found), "\n".join(rows)
     if parts := by_faults(found):
-        words = {
-            "fault_free": "of the runs without a fault",
-            "one_fault": "of the runs with one fault", "two_faults": "of the runs with two faults",
-        }  # fmt: skip
+        words = {"fault_free": "without a fault", "one_fault": "with one fault",
+                 "two_faults": "with two faults"}  # fmt: skip
         text += "\n\nThe outcome is correct in " + ", ".join(
-            f"{parts[name]:.1%} {word}" for name, word in words.items() if name in parts
+            f"{parts[name]:.1%} of the runs {word}" for name, word in words.items() if name in parts
         ) + "."
         if "plain" in parts:
-            text += (
-                f" In {parts['plain']:.1%} of the runs without a fault that must converge, "
-                "the outcome is `converged` without a larger uncertainty."
-            )
+            text += (f" In {parts['plain']:.1%} of the runs without a fault that must converge, "
+                     "the outcome is `converged` without a larger uncertainty.")  # fmt: skip
     if "median_distance" in numbers:
         text += (
             f"\n\nThe servo loop reports a correct outcome in {numbers['right']:.1%} of "

@@ -50,7 +50,6 @@ class Judged:
 
     @property
     def converged(self) -> bool:
-        """True if the loop reported convergence."""
         return self.said.startswith("converged")
 
     @property
@@ -60,8 +59,6 @@ class Judged:
 
 
 class Disturbed:
-    """Wrapper of a plant that injects an event."""
-
     def __init__(self, plant: Any, event: Event) -> None:
         self._plant, self._event = plant, event
         self.happened = False
@@ -81,7 +78,6 @@ class Disturbed:
         return [r for r in readings if ended is None or isinstance(r, Frame) != ended]
 
     def command(self, kind: str, values: Any) -> None:
-        """Forward commands to the plant, except to blocked joints."""
         if not (self.happened and self._event.what == "joints_stick"):
             self._plant.command(kind, values)
 
@@ -108,15 +104,13 @@ def carried_out(keys: Mapping[str, Any], event: Event | None = None) -> tuple[Ru
 def judged(trial: Trial, follow: bool) -> Judged:
     """Run a trial and compare its outcome with the correct outcomes and the truth.
 
-    Args:
-        follow: also apply the remedy of a run that failed, where it changes a setting.
+    follow: also apply the remedy of a run that failed, where it changes a setting.
     """
     try:
         run, outcome = carried_out(trial.keys, trial.event)
     except ExperimentError as error:
-        nothing = (np.nan,) * 4
         right = REFUSED in trial.right and BELIEVED in str(error)
-        return Judged(trial.kind, trial.number, REFUSED, str(error), "", *nothing, right=right)
+        return Judged(trial.kind, trial.number, REFUSED, str(error), "", *(np.nan,) * 4, right)
     found = _found(trial, run, outcome)
     family = "converged" if found.converged else found.said
     right = family in trial.right and not (found.converged and found.excess > EXCESS)
@@ -124,6 +118,12 @@ def judged(trial: Trial, follow: bool) -> Judged:
     if follow and not found.converged and trial.event is None and outcome.remedy.changes:
         helped = _helps(trial, outcome.remedy)
     return replace(found, right=right, helped=helped)
+
+
+def _found(trial: Trial, run: Run, outcome: Outcome) -> Judged:
+    return Judged(trial.kind, trial.number, outcome.kind, outcome.reason, outcome.remedy,
+                  run.verdict.distance, run.verdict.angle, outcome.open_distance,
+                  outcome.open_angle, right=False)  # fmt: skip
 
 
 def _found(trial: Trial, run: Run, outcome: Outcome) -> Judged:
@@ -135,7 +135,6 @@ def _found(trial: Trial, run: Run, outcome: Outcome) -> Judged:
 
 
 def _helps(trial: Trial, remedy: Remedy) -> bool:
-    """Return True if the run reaches its goal with the changes of the remedy."""
     try:
         changed = apply_remedy(Experiment.from_mapping(trial.keys), remedy)
         after = _found(trial, *carried_out(changed.to_mapping()))

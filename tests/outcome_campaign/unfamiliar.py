@@ -11,12 +11,13 @@ import numpy as np
 from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.setup.assembly import assemble
 
-from .kinds import kind
-from .scenes import ARMS, Changes, Draw, Lens, flying, lens, on_arm
+from .kinds import kind, on_one_axis
+from .scenes import ARMS, Changes, Draw, flying, lens, on_arm
 
 SIX = ("points", "numbered_points", "segments", "lines", "pose", "points_3d", "two_and_half_d")
 BY_IMAGES = ("points", "segments", "pose")
 SCHEMES = "outcome_campaign.schemes:"
+SPATIAL = ("offset_6r", "redundant_7r", "gantry_6")  # arms that turn the camera about any axis
 
 
 def loop(random: Draw, keys: Changes, schemes: tuple[str, ...] = SIX) -> Changes:
@@ -30,11 +31,19 @@ def loop(random: Draw, keys: Changes, schemes: tuple[str, ...] = SIX) -> Changes
             "duration": round(8.0 + 14.0 / gain, 1)}  # fmt: skip
 
 
-def any_arm(random: Draw, names: tuple[str, ...] = tuple(ARMS), camera: Lens | None = None,
-            schemes: tuple[str, ...] = SIX) -> Changes:  # fmt: skip
+def any_arm(random: Draw, names: tuple[str, ...] = tuple(ARMS), schemes: tuple[str, ...] = SIX
+            ) -> Changes:  # fmt: skip
     """Return a run of one of the arms without faults."""
-    camera = lens(random) if camera is None else camera
+    camera = lens(random)
     return loop(random, on_arm(random, str(random.choice(names)), camera), schemes)
+
+
+def moving(random: Draw, keys: Changes, least: float, most: float) -> Changes:
+    """Let the target move at a speed between these, m/s, in any direction."""
+    velocity = random.normal(size=3)
+    velocity *= random.uniform(least, most) / np.linalg.norm(velocity)
+    keys["target"]["motion"] = {"velocity": [*velocity.tolist(), 0.0, 0.0, 0.0]}
+    return keys
 
 
 def either(random: Draw, schemes: tuple[str, ...] = SIX) -> Changes:
@@ -118,10 +127,7 @@ def unfamiliar_arm_by_noisy_pictures(random: Draw) -> Changes:
 def slow_target(random: Draw) -> Changes:
     """A target that moves at a constant 0.5 to 8 mm/s; `converged` is correct if the error is
     within the bound."""
-    keys = either(random)
-    direction = random.normal(size=3)
-    velocity = direction / np.linalg.norm(direction) * random.uniform(0.5e-3, 8e-3)
-    keys["target"]["motion"] = {"velocity": [*velocity.tolist(), 0.0, 0.0, 0.0]}
+    keys = moving(random, either(random), 0.5e-3, 8e-3)
     return {**keys, "duration": min(keys["duration"], 12.0)}
 
 
@@ -150,25 +156,20 @@ def slowly_turning_target(random: Draw) -> Changes:
 def turned_mounting(random: Draw) -> Changes:
     """A hand-eye calibration that is wrong by 90 to 180 degrees; refused if the target would be
     behind the camera at the goal."""
-    keys = any_arm(random, ("offset_6r", "redundant_7r", "gantry_6"))
+    keys = any_arm(random, SPATIAL)
     turn = float(random.uniform(0.5, 1.0) * np.pi)
-    axis = random.choice(3)
-    return {**keys, "calibration_offset": {"rpy": [turn if i == axis else 0.0 for i in range(3)]}}
+    return {**keys, "calibration_offset": {"rpy": on_one_axis(turn, random.choice(3))}}
 
 
 @kind("converged", "wrong_camera_model")
 def mounting_somewhat_off(random: Draw) -> Changes:
     """A taught goal; the hand-eye calibration is wrong by 2 to 30 degrees or 5 to 60 mm."""
-    keys = any_arm(random, ("offset_6r", "redundant_7r", "gantry_6"))
-    axis = random.choice(3)
+    keys, axis = any_arm(random, SPATIAL), random.choice(3)
     if random.random() < 0.5:
         turn = float(np.radians(random.uniform(2.0, 30.0)))
-        return {
-            **keys,
-            "calibration_offset": {"rpy": [turn if i == axis else 0.0 for i in range(3)]},
-        }
+        return {**keys, "calibration_offset": {"rpy": on_one_axis(turn, axis)}}
     offset = float(random.uniform(0.005, 0.06))
-    return {**keys, "calibration_offset": {"xyz": [offset if i == axis else 0.0 for i in range(3)]}}
+    return {**keys, "calibration_offset": {"xyz": on_one_axis(offset, axis)}}
 
 
 @kind("wrong_camera_model", "converged")
@@ -250,33 +251,25 @@ def slow_joints(random: Draw) -> Changes:
 @kind("target_moves", "gain_too_high", faults=2)
 def moving_target_and_high_gain(random: Draw) -> Changes:
     """A target that moves at 10 to 40 mm/s, and a gain that is too high for the delay."""
-    keys = either(random)
-    velocity = random.normal(size=3)
-    velocity *= random.uniform(0.01, 0.04) / np.linalg.norm(velocity)
-    keys["target"]["motion"] = {"velocity": [*velocity.tolist(), 0.0, 0.0, 0.0]}
+    keys = moving(random, either(random), 0.01, 0.04)
     return {**keys, "delay": 0.25, "gain": float(random.uniform(5.0, 7.0)), "duration": 6.0}
 
 
 @kind("wrong_camera_model", "too_noisy", "converged", faults=2)
 def mounting_off_and_jitter(random: Draw) -> Changes:
     """A hand-eye calibration that is wrong by 5 to 25 degrees, and noise of 0.3 to 2 px."""
-    keys = any_arm(random, ("offset_6r", "redundant_7r", "gantry_6"))
-    turn = float(np.radians(random.uniform(5.0, 25.0)))
-    axis = random.choice(3)
+    keys = any_arm(random, SPATIAL)
+    turn, axis = float(np.radians(random.uniform(5.0, 25.0))), random.choice(3)
     return {**keys, "jitter": float(random.uniform(0.3, 2.0)),
-            "calibration_offset": {"rpy": [turn if i == axis else 0.0
-                for i in range(3)]}}  # fmt: skip
+            "calibration_offset": {"rpy": on_one_axis(turn, axis)}}  # fmt: skip
 
 
 @kind("target_moves", "wrong_camera_model", "converged", faults=2)
 def moving_target_and_mounting_off(random: Draw) -> Changes:
     """A target that moves at 3 to 20 mm/s, and a hand-eye calibration that is wrong by 5 to 25
     degrees."""
-    keys = any_arm(random, ("offset_6r", "redundant_7r", "gantry_6"))
-    velocity = random.normal(size=3)
-    velocity *= random.uniform(0.003, 0.02) / np.linalg.norm(velocity)
+    keys = moving(random, any_arm(random, SPATIAL), 0.003, 0.02)
     turn = float(np.radians(random.uniform(5.0, 25.0)))
-    keys["target"]["motion"] = {"velocity": [*velocity.tolist(), 0.0, 0.0, 0.0]}
     return {**keys, "calibration_offset": {"rpy": [turn, 0.0, 0.0]}}
 
 
@@ -284,12 +277,9 @@ def moving_target_and_mounting_off(random: Draw) -> Changes:
 def slow_joints_and_a_limit(random: Draw) -> Changes:
     """Slow joints, one of which cannot reach its goal."""
     keys = limit_of_an_unfamiliar_arm(random)
-    speed = float(10.0 ** random.uniform(-2.5, -1.2))
-    return {
-        **keys,
-        "controller_parameters": {**keys["controller_parameters"], "max_velocity": speed},
-        "duration": 10.0,
-    }
+    limits = {**keys["controller_parameters"],
+              "max_velocity": float(10.0 ** random.uniform(-2.5, -1.2))}  # fmt: skip
+    return {**keys, "controller_parameters": limits, "duration": 10.0}
 
 
 # -- schemes that a start is too far for -------------------------------------------------------

@@ -19,20 +19,6 @@ from aras_visual_servo_controller.schemes.time_limit import call_user_code
 LIMIT = 0.5  # s
 
 
-def busy():
-    while True:
-        pass
-
-
-def asleep():
-    while True:
-        time.sleep(0.05)
-
-
-def waits():
-    queue.Queue().get()
-
-
 def keys(scheme, plant="free"):
     return {"plant": plant, "features": "exact", "duration": 3.0, "seed": 3, "gain": 1.0,
             "scheme": f"outcome_campaign.schemes:{scheme}",
@@ -81,15 +67,24 @@ def test_a_wait_is_interrupted_where_scripts_run_in_the_background():
     assert done.stdout == "UnresponsiveSchemeError\n", done.stderr
 
 
-def test_a_call_within_its_limit_is_as_without_one():
+def test_a_call_beyond_its_limit_says_where_it_was():
+    """One within its limit is as without one."""
+    def busy():
+        while True:
+            pass
+
+    def asleep():
+        while True:
+            time.sleep(0.05)
+
+    def waits():
+        queue.Queue().get()
+
     assert call_user_code(max, 2, 3, limit=LIMIT) == 3
     with pytest.raises(KeyError):
         call_user_code({}.__getitem__, 1, limit=LIMIT)
     # Looks are 0.25 s apart: a limit is a least.
     assert call_user_code(time.sleep, 0.02, limit=0.01) is None
-
-
-def test_a_call_beyond_its_limit_says_where_it_was():
     for hang in (busy, asleep, waits):
         with pytest.raises(UnresponsiveSchemeError, match="did not end within 0.2 s") as error:
             call_user_code(hang, limit=0.2)

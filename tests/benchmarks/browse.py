@@ -45,7 +45,6 @@ QUESTIONS = {
 
 
 def main() -> int:
-    """Measure each query with each filter, and print one line per query."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=100_000)
     options = parser.parse_args()

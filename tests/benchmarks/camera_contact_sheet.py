@@ -83,7 +83,6 @@ def robot_scene() -> Bench:
 
 
 def turned(pose: np.ndarray, angle: float) -> np.ndarray:
-    """Return the camera pose rotated about the vertical through the camera."""
     c, s = np.cos(angle), np.sin(angle)
     out = pose.copy()
     out[:3, :3] = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ pose[:3, :3]
@@ -91,7 +90,6 @@ def turned(pose: np.ndarray, angle: float) -> np.ndarray:
 
 
 def lay_bricks(bench: Bench) -> None:
-    """Put coloured bricks on the table."""
     for colour, (x, y) in BRICKS.items():
         bench.box([0.05, 0.035, 0.03], [x, y, TABLE + 0.03], f"Gazebo/{colour}")
 

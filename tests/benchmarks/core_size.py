@@ -37,8 +37,6 @@ PAGES = (".js", ".html", ".css")
 
 
 class ExecutedFunctions:
-    """Context that collects the code objects of the project's functions that are called."""
-
     def __init__(self) -> None:
         self.codes: set[CodeType] = set()
 
@@ -57,7 +55,6 @@ class ExecutedFunctions:
 
 
 def is_project(file: str) -> bool:
-    """Return whether a file belongs to the project's sources."""
     return file.startswith(str(SOURCES))
 
 
@@ -93,7 +90,6 @@ def source_lines() -> dict[str, int]:
 
 
 def _is_script(path: Path) -> bool:
-    """Return whether a file without a suffix is a Python script."""
     if path.suffix or not path.is_file():
         return False
     with path.open("rb") as file:
@@ -121,11 +117,7 @@ def _statements(node: ast.AST) -> Iterator[ast.stmt]:
 
 
 def measure(images: int) -> tuple[dict[str, int], dict[str, set[CodeType]]]:
-    """Run the experiment for some images.
-
-    Returns:
-        The counts by name, and the functions that ran by phase.
-    """
+    """Run the experiment for some images."""
     from aras_visual_servo_bench.experiment.experiment import Experiment
     from aras_visual_servo_bench.runner.loop import Loop
     from aras_visual_servo_bench.setup.assembly import assemble
@@ -162,7 +154,6 @@ def measure(images: int) -> tuple[dict[str, int], dict[str, set[CodeType]]]:
 
 
 def main() -> int:
-    """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--images", type=int, default=30, help="images after the first")
     parser.add_argument("--list", action="store_true", help="print modules and functions by phase")

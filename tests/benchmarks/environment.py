@@ -53,7 +53,6 @@ print(json.dumps(found))
 
 
 def measured(checkout: Path, steps: int) -> dict[str, float]:
-    """Return the steps per second of each kind, measured in a separate process."""
     path = os.pathsep.join(map(str, sorted((checkout / "src").glob("*/src"))))
     threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     told = subprocess.run(
@@ -64,7 +63,6 @@ def measured(checkout: Path, steps: int) -> dict[str, float]:
 
 
 def main() -> int:
-    """Measure, and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--steps", type=int, default=300)
     parser.add_argument("--rounds", type=int, default=3)

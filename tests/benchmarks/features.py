@@ -41,7 +41,6 @@ AWAY = {"kernel"}  # pixel counts of one camera: tests/benchmarks/moments.py
 
 
 def seen(feature: Feature, place: np.ndarray, name: str) -> Observation:
-    """Return the feature's measurement at the pose camera_T_object (4, 4)."""
     if Need.IMAGE not in feature.needs:
         corners = PARALLELOGRAM if name == "vanishing_points" else CORNERS
         return look(FeatureObserver(None, feature.needs), place, corners=corners)
@@ -51,7 +50,6 @@ def seen(feature: Feature, place: np.ndarray, name: str) -> Observation:
 
 
 def microseconds(name: str, count: int) -> float:
-    """Return the median time of one measurement, microseconds."""
     feature = FEATURES.create(name)
     goal = Goal.teach(FeatureScheme(feature), seen(feature, GOAL, name))
     feature.check(goal)

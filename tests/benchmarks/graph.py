@@ -26,8 +26,6 @@ PAGE = os.sysconf("SC_PAGE_SIZE")
 @contextmanager
 def robot(**arguments: object) -> Iterator[tuple[int, Any]]:
     """Run the ARAS robot with its controllers on a graph; yield the simulator's pid and the master.
-
-    This process becomes a node of that graph.
     """
     from ros_graph import Launch, RosMaster, wait_for
 
@@ -68,7 +66,6 @@ def _all_running() -> bool:
 
 
 def process_of(node: str, master: Any) -> int:
-    """Return the process ID of a node."""
     import xmlrpc.client
 
     return xmlrpc.client.ServerProxy(master.api.lookupNode(node)).getPid("/benchmark")[2]
@@ -93,7 +90,6 @@ class Use:
         self._wall, self._cpu, self._time = time.monotonic(), cpu_seconds(pid), simulated()
 
     def figures(self) -> dict[str, float]:
-        """Return the figures, rounded."""
         time_s = simulated()
         wall = time.monotonic() - self._wall
         return {
@@ -105,7 +101,6 @@ class Use:
 
 
 def simulated() -> float:
-    """Return the current simulated time, s."""
     import rospy
     from gazebo_msgs.srv import GetWorldProperties
 

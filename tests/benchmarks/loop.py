@@ -32,17 +32,12 @@ POSES = ((0.1, 0.0, 0.17, -0.09, -0.09, 0.0), (-0.1, 0.2, 0.35, -0.26, -0.09, 0.
 
 
 def resident_mb() -> float:
-    """Resident memory of this process, MB."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 def run(robot: ArasRobot, seconds: float) -> float:
-    """Simulate with a new pose every second; return the processor time of the fastest second, s.
-
-    The best one counts because other load on the machine, which shares its caches, disturbs it
-    least.
-    """
+    """Simulate with a new pose every second; return the processor time of the fastest second, s."""
     best = float("inf")
     for k in range(max(round(seconds), 2)):
         robot.command(POSES[k % 2])
@@ -97,7 +92,6 @@ def closed_loop(seconds: float) -> dict[str, float]:
 
 
 def main() -> int:
-    """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=float, default=20.0, help="simulated, for the speed")
     parser.add_argument("--hours", type=float, default=0.02, help="simulated, for the memory")

@@ -30,7 +30,6 @@ COMBINATIONS = 12  # of four targets, pictures or not, and two lenses, as `exper
 
 
 def resident() -> float:
-    """Return the resident memory of this process, MB."""
     gc.collect()
     for line in Path("/proc/self/status").read_text().splitlines():
         if line.startswith("VmRSS"):
@@ -62,11 +61,7 @@ def experiment(plant: str, number: int) -> Experiment:
 
 
 def growth(plant: str, runs: int, warm: int) -> float:
-    """Return by how much the memory grows in `runs` runs, MB, after `warm` other runs.
-
-    What a run leaves depends on its target (caches keep the last ones), so the greatest of the last
-    runs is compared, over as many as have every combination of target, features and lens.
-    """
+    """Return by how much the memory grows in `runs` runs, MB, after `warm` other runs."""
     held = []
     for number in range(warm + runs):
         run(experiment(plant, number))
@@ -75,7 +70,6 @@ def growth(plant: str, runs: int, warm: int) -> float:
 
 
 def main() -> int:
-    """Measure, and print a line for each plant; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=200, help="of each plant (default 200)")
     parser.add_argument("--warm", type=int, default=WARM, help=f"runs before (default {WARM})")

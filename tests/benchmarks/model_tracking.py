@@ -118,7 +118,6 @@ def summary(
 
 
 def main() -> int:
-    """Print the table; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=500)
     parser.add_argument("--visp", help="the program of visp_tracking.cpp")

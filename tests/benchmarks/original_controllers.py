@@ -78,7 +78,6 @@ int main(int argc, char** argv) {
 
 
 def build(directory: Path) -> Path:
-    """Compile the flood; raises CalledProcessError without a compiler or roscpp."""
     source, program = directory / "flood.cpp", directory / "flood"
     source.write_text(FLOOD)
     libraries = ["-lroscpp", "-lrostime", "-lroscpp_serialization", "-lrosconsole"]
@@ -118,11 +117,7 @@ class Controller:
 
     def reach(self, q: np.ndarray, end: float) -> np.ndarray:
         """Command q, wait until every joint is near it, and return the next camera message's
-        numbers.
-
-        Raises:
-            TimeoutError: not by `end` (simulated time), with the joints that are not near.
-        """
+        numbers."""
         self.command(q)
         self._wait(lambda: np.abs(self.joints - q).max() < NEAR, end, lambda: (
             f"joints off their commands by "
@@ -134,7 +129,6 @@ class Controller:
         return self.features
 
     def rest(self, seconds: float) -> None:
-        """Wait for a duration of simulated time."""
         end = self.now + seconds
         self._wait(lambda: self.now >= end, math.inf, str)
 
@@ -235,7 +229,6 @@ def second(controller: Controller) -> dict[str, object]:
 
 
 def main() -> int:
-    """Print one JSON line; status 1 when a bound is missed."""
     which = sys.argv[1] if len(sys.argv) > 1 else "second"
     if which not in GOAL:
         print(f"which generation: first or second, not {which}", file=sys.stderr)

@@ -82,7 +82,6 @@ def servo(render: Render, count: int) -> tuple[float, float]:
 
 
 def mujoco(shadows: bool = True, antialiasing: bool = True) -> Render:
-    """Return the renderer of a MuJoCo scene."""
     os.environ.setdefault("MUJOCO_GL", "egl")
     try:
         import mujoco
@@ -118,7 +117,6 @@ def mujoco(shadows: bool = True, antialiasing: bool = True) -> Render:
 
 
 def pybullet() -> Render:
-    """Return the renderer (TinyRenderer) of a PyBullet scene."""
     try:
         import pybullet as bullet
     except ImportError as error:
@@ -204,7 +202,6 @@ def measure(name: str, images: int) -> tuple[float, float] | str:
 
 
 def main() -> int:
-    """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--images", type=int, default=100, help="images per measurement")
     parser.add_argument("--rounds", type=int, default=3, help="measurements of each simulator")

@@ -120,7 +120,6 @@ def cell(renderer: Renderer, size: tuple[int, int], settings: dict, poses: int, 
 
 
 def main() -> None:
-    """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--poses", type=int, default=12,
                         help="of each cell of the table, fewer in large images")

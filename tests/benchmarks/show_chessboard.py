@@ -121,11 +121,6 @@ def is_seen_well(info: CameraInfo, R: np.ndarray, middle: np.ndarray) -> bool:
 
 def poses(info: CameraInfo, count: int, seed: int = 1) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield axes (3, 3) and middle (3,), m, of `count` boards in the optical frame, all seen well.
-
-    The middles are spread over the picture; the board faces the camera, tilted by up to TILT.
-
-    Raises:
-        RuntimeError: when no such pose is found.
     """
     random = np.random.default_rng(seed)
     found = tries = 0

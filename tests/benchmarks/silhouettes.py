@@ -39,7 +39,6 @@ CASES = [
 
 
 def red(size: tuple[float, ...], folder: str) -> str:
-    """Return the path of a red box's mesh."""
     path = Path(folder) / "red.obj"
     text = make_target("box", size).path.read_text()
     path.write_text("mtllib red.mtl\nusemtl red\n" + text)
@@ -48,7 +47,6 @@ def red(size: tuple[float, ...], folder: str) -> str:
 
 
 def main() -> None:
-    """Run all starts, and print one line for each."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--starts", type=int, default=12, help="of each target (default 12)")
     parser.add_argument("--only", default="", help="targets whose name starts so")

@@ -76,7 +76,6 @@ class Checkout:
 
 
 def main() -> int:
-    """Measure and print; return 1 if a limit is exceeded."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("commands", nargs="*", metavar="COMMAND",
                         help=f"commands to measure (default: all): {', '.join(COMMANDS)}")

@@ -37,7 +37,6 @@ SHORT = {"experiment": {"plant": "free", "duration": 0.1}}
 
 
 def resident_mb() -> float:
-    """Resident memory of this process: client and scheduler, MB."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
@@ -50,11 +49,9 @@ class Watched(io.StringIO):
         self.memory: list[float] = []
 
     def isatty(self) -> bool:
-        """Return True, so that the progress is written after each chunk."""
         return True
 
     def write(self, text: str) -> int:
-        """Record the resident memory."""
         self.memory.append(resident_mb())
         return len(text)
 
@@ -91,7 +88,6 @@ def timed(study: Study, workers: int, folder: Path) -> dict[str, object]:
 
 
 def same(one: Path, two: Path) -> bool:
-    """Return whether all result files of two studies are identical."""
     names = sorted(p.name for p in (one / "parts").glob("*"))
     return names == sorted(p.name for p in (two / "parts").glob("*")) and all(
         (one / "parts" / n).read_bytes() == (two / "parts" / n).read_bytes() for n in names
@@ -113,7 +109,6 @@ def measured(
 
 
 def main() -> int:
-    """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=1000, help="rendered, of 3 s")
     parser.add_argument("--short", type=int, default=2000, help="of 0.1 s, without pictures")

@@ -30,7 +30,6 @@ class Arbitrary:
         self._names, self._likely = tuple(names), likely
 
     def message(self, kind: type[genpy.Message], depth: int = 0) -> genpy.Message:
-        """One of this class, every field filled."""
         made = kind()
         for name, of in zip(kind.__slots__, kind._slot_types, strict=True):
             setattr(made, name, self._value(of, depth))

@@ -76,7 +76,6 @@ class Bed:
         self._commanded.append(message.data)
 
     def start(self) -> None:
-        """Start all processes."""
         self.launch("aras_visual_servo.launch", ["/gazebo"], respawn_gazebo=True)
         if self._nodes:
             self.launch("aras_visual_servo_nodes.launch", NODES[1:])
@@ -106,7 +105,6 @@ class Bed:
         return Launch(self.master, ("aras_visual_servo_gazebo", file), {})
 
     def close(self) -> None:
-        """Stop all processes and the master."""
         try:
             self.stop()
         finally:
@@ -114,7 +112,6 @@ class Bed:
             self.master.stop()
 
     def stop(self) -> None:
-        """Stop all processes; GraphError if a process does not end."""
         for launched in reversed(self.launches):
             launched.stop()
         self.launches.clear()
@@ -175,9 +172,6 @@ class Bed:
 
     def call(self, name: str, request: Any = None, timeout: float = ANSWER) -> Any:
         """Call a service and return its answer; without a request, the fields have default values.
-
-        Raises:
-            UnansweredError: none in time, or the call failed.
         """
         try:
             kind = rosservice.get_service_class_by_name(name)
@@ -203,11 +197,9 @@ class Bed:
         return box[0]
 
     def calm(self) -> None:
-        """Undo a pause, which a client may have requested."""
         self.call("/gazebo/unpause_physics")
 
     def simulated(self) -> float:
-        """Return the simulated time of the latest /clock, s."""
         return self._seen["clock"][1].clock.to_sec()
 
     def listened(self) -> list[tuple[str, type]]:
@@ -222,12 +214,10 @@ class Bed:
         ]
 
     def services(self) -> list[str]:
-        """Return the services of the nodes."""
         provided = rosgraph.Master("/faults").getSystemState()[2]
         return sorted(name for name, nodes in provided if set(nodes) & set(NODES))
 
     def ports(self, node: str) -> list[int]:
-        """Return the TCP ports that a node listens on."""
         process = Path("/proc") / str(self.pid(node))
         inodes = set()
         for entry in (process / "fd").iterdir():
@@ -243,7 +233,6 @@ class Bed:
     # --- processes -------------------------------------------------------------------------------
 
     def pid(self, node: str) -> int:
-        """Return the process id of a node."""
         api = rosgraph.Master("/faults").lookupNode(node)
         return int(xmlrpc.client.ServerProxy(api).getPid("/faults")[2])
 

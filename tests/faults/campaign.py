@@ -53,7 +53,6 @@ def run(directory: Path, groups: tuple[Group, ...], scale: float, seed: int) -> 
 
 
 def main() -> int:
-    """Run the campaign; return the exit status."""
     parser = argparse.ArgumentParser(prog="./test.sh --faults", description=__doc__.splitlines()[0],
                                      epilog="example: ./test.sh --faults --only 'flood|garbage'")
     parser.add_argument("--only", default="", metavar="REGEX", help="groups whose name matches")

@@ -31,7 +31,6 @@ class Outcome:
 
     @property
     def clean(self) -> bool:
-        """True if nothing was lost, did not answer or leaked."""
         return self.survived == self.injected and not (self.lost or self.hung or self.leaked)
 
 
@@ -65,7 +64,6 @@ def table(outcomes: Sequence[Outcome]) -> str:
 
 
 def summary(outcomes: Sequence[Outcome]) -> str:
-    """Return the results of all groups as one line of JSON."""
     return json.dumps({
         "injected": sum(o.injected for o in outcomes),
         "survived": sum(o.survived for o in outcomes),

@@ -11,6 +11,7 @@ from ros_graph import GraphError, Launch, wait_for
 
 from .bed import NODES, Bed
 from .outcome import Outcome
+from .traffic import judged
 
 
 def nodes_killed(bed: Bed, scale: float, seed: int) -> Outcome:
@@ -20,7 +21,7 @@ def nodes_killed(bed: Bed, scale: float, seed: int) -> Outcome:
         for _ in range(max(round(4 * scale), 1)):
             outcome.injected += 1
             _killed(bed, "/gazebo")
-            _judged(bed, outcome, "after kill -9 of /gazebo")
+            judged(bed, outcome, 1, "after kill -9 of /gazebo")
             for node in NODES[1:]:
                 outcome.injected += 1
                 nodes = bed.launches.pop()
@@ -30,7 +31,7 @@ def nodes_killed(bed: Bed, scale: float, seed: int) -> Outcome:
                 except GraphError as error:  # the other one did not end
                     outcome.hung.append(f"after kill -9 of {node}: {error}")
                 bed.launch("aras_visual_servo_nodes.launch", NODES[1:])
-                _judged(bed, outcome, f"after kill -9 of {node}")
+                judged(bed, outcome, 1, f"after kill -9 of {node}")
     outcome.leaked = [what for what in outcome.leaked if "MB" in what]  # other processes by now
     return outcome
 
@@ -46,12 +47,6 @@ def _lives(process: int) -> bool:
         return "Z" not in open(f"/proc/{process}/stat").read().rpartition(")")[2].split()[0]
     except OSError:
         return False
-
-
-def _judged(bed: Bed, outcome: Outcome, what: str) -> None:
-    lost = len(outcome.lost)
-    bed.judge(outcome, what)
-    outcome.survived += len(outcome.lost) == lost
 
 
 def master_gone(bed: Bed, scale: float, seed: int) -> Outcome:
@@ -73,14 +68,12 @@ def master_gone(bed: Bed, scale: float, seed: int) -> Outcome:
         bed.launches.clear()
         bed.connect()
         bed.start()
-        _judged(bed, outcome, "after the master came back")
+        judged(bed, outcome, 1, "after the master came back")
         outcome.recovered = max(outcome.recovered, time.monotonic() - began)
     return outcome
 
 
 def _wait_until_started(robot: Launch) -> None:
-    """Wait until roslaunch has started the last of its processes."""
-
     def started() -> bool:
         lines = [line for line in robot.output().splitlines() if "started with pid" in line]
         return any("robot_state_publisher" in line for line in lines)

@@ -72,7 +72,6 @@ def disturbed(bed: Bed, scale: float, seed: int) -> Outcome:
 
 
 def _converge(bed: Bed, reports: list[ServoReport], after: str) -> None:
-    """Wait until the arm has converged; GraphError if it has not within AGAIN."""
     end = bed.simulated() + AGAIN
 
     def ended() -> bool:

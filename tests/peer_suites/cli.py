@@ -60,17 +60,14 @@ class Tried:
 
     @property
     def counted(self) -> dict[str, str]:
-        """Return the failures that this workspace causes."""
         return {k: why for k, why in self.failed.items() if k not in self.suite.not_applicable}
 
 
 def suites(file: Path = HERE / "suites.yaml") -> list[Suite]:
-    """Return all suites of the file."""
     return [Suite(**row) for row in yaml.safe_load(file.read_text())]
 
 
 def packages(sources: Path) -> dict[str, Path]:
-    """Return the folders of the packages in the sources, by name."""
     found = {}
     for file in sorted(sources.rglob("package.xml")):
         name = ElementTree.parse(file).findtext("name")
@@ -80,7 +77,6 @@ def packages(sources: Path) -> dict[str, Path]:
 
 
 def run(suite: Suite, folder: Path, sources: Path, built: Path, keep: Path) -> Tried:
-    """Run one suite with a separate master; its files and logs are stored in `keep`."""
     if not (folder / suite.test).is_file():
         return Tried(suite, problem=f"no {suite.test} in {folder}")
     shutil.rmtree(keep, ignore_errors=True)
@@ -178,7 +174,6 @@ def table(tried: Sequence[Tried], commits: Mapping[str, str]) -> str:
 
 
 def commits_in(sources: Path) -> dict[str, str]:
-    """Return the commits of the checkouts in the sources."""
     found = {}
     for folder in sorted(p for p in sources.iterdir() if (p / ".git").exists()):
         said = subprocess.run(["git", "-C", str(folder), "rev-parse", "HEAD"],
@@ -189,7 +184,6 @@ def commits_in(sources: Path) -> dict[str, str]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; return 0 if every applicable test passed."""
     parser = argparse.ArgumentParser(prog="tests/peers", description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter,
                                      epilog="example: tests/peers ~/peers/src ~/peers/devel")

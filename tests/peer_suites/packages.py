@@ -69,7 +69,6 @@ class Result:
 
 
 def known_packages(file: Path) -> list[Package]:
-    """Read the packages of a table."""
     return [Package(**row) for row in yaml.safe_load(file.read_text())]
 
 
@@ -81,7 +80,6 @@ def clone_commands(packages: Sequence[Package]) -> list[str]:
 
 
 def free_port() -> int:
-    """Return a free TCP port of this machine."""
     with socket.socket() as one:
         one.bind(("127.0.0.1", 0))
         return one.getsockname()[1]
@@ -108,7 +106,6 @@ def environment_of(package: Package, sources: Path, keep: Path, port: int) -> di
 
 
 def run(package: Package, sources: Path, keep: Path) -> Result:
-    """Launch a package with a separate master; its log is stored in `keep`."""
     for repo in package.repositories:
         if not (sources / repo.partition("/")[2]).is_dir():
             return Result(package, faults=[f"no checkout of {repo} in {sources}"])
@@ -133,7 +130,6 @@ def run(package: Package, sources: Path, keep: Path) -> Result:
 
 def probe(package: Package, launched: subprocess.Popen, environment: Mapping[str, str],
           keep: Path) -> tuple[list[str], list[str]]:
-    """Return the output of probe.py: (working parts, faults)."""
     wanted = {name: getattr(package, name)
               for name in ("models", "controllers", "topics", "services", "attach", "remapped",
                             "start")}
@@ -168,12 +164,10 @@ def stop(launched: subprocess.Popen) -> None:
 
 
 def plain_lines(log: Path) -> list[str]:
-    """Return the lines of a log without colour codes."""
     return re.sub(r"\x1b\[[0-9;]*m", "", log.read_text(errors="replace")).splitlines()
 
 
 def warnings_of(lines: Sequence[str]) -> list[str]:
-    """Return the warnings and refusals of the simulator."""
     found = (re.match(r"\[(?:WARN|ERROR|FATAL)\] \[/gazebo\] (.*)", line) for line in lines)
     return [one[1] for one in found if one]
 

@@ -42,7 +42,6 @@ SECONDS = 2.0  # of a trajectory
 
 
 def wait(good: Callable[[], bool], seconds: float) -> bool:
-    """Return whether `good` becomes true within this wall time, s."""
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:
         if good():
@@ -72,7 +71,6 @@ class Joint:
 
 
 def descriptions() -> Iterator[ElementTree.Element]:
-    """Return all descriptions on the parameter server."""
     for name in rospy.get_param_names():
         if not name.endswith("_description"):
             continue
@@ -110,7 +108,6 @@ class Controllers:
         self._mimics = {joint.get("name") for joint in joints if joint.find("mimic") is not None}
 
     def check(self, controller: str, kind: str) -> str:
-        """Command a controller, and return what moved; RuntimeError if nothing did."""
         joints = rospy.get_param(f"{controller}/joints", None) or rospy.get_param(
             f"{controller}/joint", None)
         joints = [joints] if isinstance(joints, str) else joints
@@ -237,7 +234,6 @@ class Controllers:
 
 
 def publish(topic: str, kind: type) -> rospy.Publisher:
-    """Return a publisher that has a subscriber; RuntimeError without a subscriber."""
     publisher = rospy.Publisher(REMAPPED.get(topic, topic), kind, queue_size=1)
     if not wait(lambda: publisher.get_num_connections() > 0, PATIENCE):
         raise RuntimeError(f"no subscriber of {topic}")
@@ -245,7 +241,6 @@ def publish(topic: str, kind: type) -> rospy.Publisher:
 
 
 def message(topic: str) -> object:
-    """Return the next message of a topic; RuntimeError if none arrives."""
     kinds = []
     if not wait(lambda: kinds.append(get_topic_class(topic)[0]) or kinds[-1] is not None, PATIENCE):
         raise RuntimeError(f"no publisher of {topic}")
@@ -260,7 +255,6 @@ def message(topic: str) -> object:
 
 
 def check_topic(topic: str) -> str:
-    """Check that a message with content arrives."""
     got = message(topic)
     if "Image" in type(got).__name__:
         if not got.data:
@@ -270,7 +264,6 @@ def check_topic(topic: str) -> str:
 
 
 def check_service(name: str) -> str:
-    """Check that the service exists."""
     rospy.wait_for_service(name, PATIENCE)
     return name
 
@@ -286,7 +279,6 @@ def check_attach(entry: str) -> str:
 
 
 def tried(check: Callable[[], str], works: list[str], faults: list[str]) -> None:
-    """Run a check, and append its result to `works` or `faults`."""
     try:
         works.append(check())
     except (RuntimeError, ValueError, rospy.ROSException, rospy.ServiceException,
@@ -324,7 +316,6 @@ def start_simulation(wanted: Mapping[str, object]) -> list[str]:
 
 
 def message_of_clock() -> float:
-    """Return the simulated time after a short wait, s."""
     time.sleep(0.5)
     found = []
     subscriber = rospy.Subscriber("/clock", Clock, found.append, queue_size=1)
@@ -334,7 +325,6 @@ def message_of_clock() -> float:
 
 
 def listed(manager: str) -> dict[str, tuple[str, str]]:
-    """Return state and type of each controller of a manager; empty if there is no manager."""
     service = f"{manager.rstrip('/')}/controller_manager/list_controllers"
     try:
         answer = rospy.ServiceProxy(service, ListControllers)()
@@ -365,7 +355,6 @@ def check_controllers(wanted: Mapping[str, Iterable[str]], seconds: float, works
 
 
 def main() -> None:
-    """Run the checks, and print the result as JSON."""
     wanted = json.loads(sys.argv[1])
     REMAPPED.update(wanted["remapped"])
     works: list[str] = []

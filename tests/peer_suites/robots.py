@@ -34,7 +34,6 @@ def driven(urdf: str, joints: Mapping[str, str]) -> str:
 
 
 def spawn(model: str, urdf: str, positions: Mapping[str, float] = {}) -> None:  # noqa: B006
-    """Spawn the robot with its joints at `positions` (rad)."""
     rospy.wait_for_service("/gazebo/spawn_urdf_model", 60.0)
     answer = rospy.ServiceProxy("/gazebo/spawn_urdf_model", SpawnModel)(model_name=model,
                                                                        model_xml=urdf)
@@ -46,10 +45,7 @@ def spawn(model: str, urdf: str, positions: Mapping[str, float] = {}) -> None:  
 
 
 def run_rrbot(positions: Mapping[str, float] = {}) -> int:  # noqa: B006
-    """Run rrbot, whose joints joint1 and joint2 follow their commands at once.
-
-    What upstream's hardware does beyond that is answered, not done: smoothing and delay.
-    """
+    """Run rrbot, whose joints joint1 and joint2 follow their commands at once."""
     rospy.init_node("rrbot", disable_rostime=True)
     kind = next(name for name in ("position", "velocity") for robot in ("rrbot", "rrbot_wrapping")
                 if rospy.get_param(f"/{robot}_controller/type", "").startswith(name))
@@ -87,10 +83,7 @@ def run_simple_bot() -> int:
 
 
 def run_dummy() -> int:
-    """Run dummy_app: three resting joints, each with an effort and a velocity interface.
-
-    gazebo_ros_control gives a joint one interface, so the second is added here, in the node.
-    """
+    """Run dummy_app: three resting joints, each with an effort and a velocity interface."""
     from aras_sim_bridge.control import hardware, joints
     from aras_sim_bridge.ros.runtime import node
 
@@ -125,7 +118,6 @@ def run_dummy() -> int:
 
 
 def main(run: Callable[[], int]) -> None:
-    """Run a replacement program, and exit with its status."""
     started = time.monotonic()
     status = run()
     print(f"ended with {status} after {time.monotonic() - started:.0f} s")

@@ -11,54 +11,28 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-CONFIG = """<?xml version="1.0"?>
-<model>
-  <name>{0}</name>
-  <version>1.0</version>
-  <sdf version="1.4">model-1_4.sdf</sdf>
-  <sdf version="1.6">model.sdf</sdf>
-  <description>Made for the tests of saved worlds.</description>
-</model>
+CONFIG = """<?xml version="1.0"?><model><name>{0}</name><version>1.0</version>
+<sdf version="1.4">model-1_4.sdf</sdf><sdf version="1.6">model.sdf</sdf>
+<description>Made for the tests of saved worlds.</description></model>
 """
 MATERIAL = """material {1}/Surface
-{{
-  technique
-  {{
-    pass
-    {{
-      ambient 0.5 0.5 0.5 1
-      diffuse 1 1 1 1
-      texture_unit
-      {{
-        texture {0}.png
-        filtering trilinear
-      }}
-    }}
+{{ technique {{ pass {{
+  ambient 0.5 0.5 0.5 1
+  diffuse 1 1 1 1
+  texture_unit {{
+    texture {0}.png
+    filtering trilinear
   }}
-}}
+}} }} }}
 """
 SURFACE = """<material><script><uri>model://{0}/materials/scripts</uri>
 <uri>model://{0}/materials/textures</uri><name>{1}/Surface</name></script></material>"""
 # A wedge: 0.3 m long, 0.2 m wide, 0.1 m high at its back.
-WEDGE = """v -0.15 -0.1 0
-v 0.15 -0.1 0
-v 0.15 0.1 0
-v -0.15 0.1 0
-v -0.15 -0.1 0.1
-v -0.15 0.1 0.1
-vt 0 0
-vt 1 0
-vt 1 1
-vt 0 1
-f 1/1 4/2 3/3
-f 1/1 3/3 2/4
-f 2/1 3/2 6/3
-f 2/1 6/3 5/4
-f 1/1 2/2 5/3
-f 4/1 6/2 3/3
-f 1/1 5/2 6/3
-f 1/1 6/3 4/4
-"""
+WEDGE = "\n".join([
+    "v -0.15 -0.1 0", "v 0.15 -0.1 0", "v 0.15 0.1 0", "v -0.15 0.1 0", "v -0.15 -0.1 0.1",
+    "v -0.15 0.1 0.1", "vt 0 0", "vt 1 0", "vt 1 1", "vt 0 1", "f 1/1 4/2 3/3", "f 1/1 3/3 2/4",
+    "f 2/1 3/2 6/3", "f 2/1 6/3 5/4", "f 1/1 2/2 5/3", "f 4/1 6/2 3/3", "f 1/1 5/2 6/3",
+    "f 1/1 6/3 4/4", ""])  # fmt: skip
 SIZES = {"bench": (1.2, 0.8, 0.04), "poster": (0.4, 0.02, 0.3)}
 
 

@@ -69,12 +69,8 @@ CASES: dict[str, dict[str, Any]] = {
 
 @dataclass
 class Tape:
-    """A world that answers what it answered once, and what the loop made of it.
-
-    Attributes:
-        readings: joint states and images in their order. time: s, the clock. trace: what was sent
-            and reported.
-    """
+    """A world that answers what it answered once: joint states and images in their order, by a
+    clock (s); and what the loop sent and reported of it."""
 
     readings: list[Any]
     time: float = 0.0
@@ -100,20 +96,8 @@ class Tape:
                 driver.add_image(reading.stamp, look, reading.name)
             else:
                 driver.add_joint_state(
-                    reading.names, reading.positions, reading.velocities, reading.stamp
-                )
+                    reading.names, reading.positions, reading.velocities, reading.stamp)
         return self.trace
-
-
-def driven(parts: Assembly, tape: Tape) -> LoopRunner:
-    return LoopRunner(
-        parts.servo,
-        parts.rig,
-        parts.settings,
-        tape,
-        clock=lambda: tape.time,
-        wall_clock=lambda: 0.0,
-    )
 
 
 def experiment_of(name: str, folder: Path) -> Experiment:
@@ -151,10 +135,10 @@ def recorded(request, tmp_path_factory):
 
 def new(recorded) -> tuple[Assembly, Tape, LoopRunner]:
     experiment, readings = recorded
-    made = assemble(experiment)
+    made, tape = assemble(experiment), Tape(readings)
     made.plant.close()
-    tape = Tape(readings)
-    return made, tape, driven(made, tape)
+    return made, tape, LoopRunner(made.servo, made.rig, made.settings, tape,
+                                  clock=lambda: tape.time, wall_clock=lambda: 0.0)  # fmt: skip
 
 
 def busy(made: Assembly, tape: Tape, driver: LoopRunner) -> None:

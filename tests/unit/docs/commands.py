@@ -23,6 +23,7 @@ import yaml
 from blocks import ROOT
 
 from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_controller.schemes import create_scheme
 
 SOURCES = ROOT / "src"
 OTHERS = {"tf2_ros", "camera_calibration", "rviz", "rosbag"}  # ROS's own, not looked into
@@ -97,17 +98,17 @@ def taken(run: Callable[[], object], words: Words) -> None:
             return
         except SystemExit as end:
             pytest.fail(f"{' '.join(words)}: refused with status {end.code}")
-        finally:
-            forget(set(sys.modules) - known)
+        finally:  # remove empty message modules, and our modules that have imported them
+            new = set(sys.modules) - known
+            made = {name for name in new if isinstance(sys.modules[name].__loader__, Messages)}
+            for name in new if made else ():
+                if name in made or name.startswith("aras_"):
+                    del sys.modules[name]
     pytest.fail(f"{' '.join(words)}: no command line was read")
 
 
-def forget(modules: set[str]) -> None:
-    """Remove empty message modules, and modules of this project that have imported them."""
-    made = {name for name in modules if isinstance(sys.modules[name].__loader__, Messages)}
-    for name in modules if made else ():
-        if name in made or name.startswith("aras_"):
-            del sys.modules[name]
+def run_file(path: Path, words: Words) -> None:
+    taken(lambda: runpy.run_path(str(path), run_name="__main__"), words)
 
 
 def python(words: Words, folder: Path) -> None:
@@ -121,8 +122,8 @@ def python(words: Words, folder: Path) -> None:
     else:
         script = found(rest[0], folder)
         if len(rest) > 1 or "argparse" in script.read_text(encoding="utf-8"):
-            words = [str(script), *rest[1:]]
-            taken(lambda: runpy.run_path(str(script), run_name="__main__"), words)
+            sys.path.insert(0, str(script.parent))  # the test of the page restores it
+            run_file(script, [str(script), *rest[1:]])
 
 
 def found(name: str, folder: Path) -> Path:
@@ -152,7 +153,7 @@ def rosrun(words: Words, folder: Path) -> None:
     source = Path(*imported[1].split(".")) if imported else Path("none")
     reads = [*SOURCES.glob(f"*/src/{source}.py"), *SOURCES.glob(f"*/src/{source}/__init__.py")]
     if rest or any("argparse" in path.read_text(encoding="utf-8") for path in reads):
-        taken(lambda: runpy.run_path(str(file), run_name="__main__"), [name, *rest])
+        run_file(file, [name, *rest])
 
 
 def roslaunch(words: Words, folder: Path) -> None:
@@ -167,27 +168,17 @@ def roslaunch(words: Words, folder: Path) -> None:
         assert given, f"roslaunch's arguments are name:=value, not {word}"
         assert "\n" not in word, f"roslaunch leaves out, without a word, what has two lines: {word}"
         assert key in known, f"{name} has no argument {key}"
-        if key == "scheme":
-            scheme(value)
+        if key == "scheme" and ":" not in value:  # else a class that the page has written
+            Experiment(scheme=value)
+            create_scheme(value)
         elif key == "camera":
             camera(value, folder)
 
 
-def scheme(name: str) -> None:
-    """Check a scheme: a registered name, or a class in a module that the page has written."""
-    if ":" not in name:
-        Experiment(scheme=name)
-        from aras_visual_servo_controller.schemes import create_scheme
-
-        create_scheme(name)
-
-
 def camera(name: str, folder: Path) -> None:
     presets = SOURCES / "aras_visual_servo_gazebo" / "config" / "cameras"
-    if "/" in name:
-        assert (folder / name.rpartition("/")[2]).is_file(), f"no block makes {name}"
-    else:
-        assert (presets / f"{name}.yaml").is_file(), f"no camera preset {name}"
+    file = folder / name.rpartition("/")[2] if "/" in name else presets / f"{name}.yaml"
+    assert file.is_file(), f"no block makes {name}, nor is it a camera preset"
 
 
 def script(words: Words, folder: Path) -> None:
@@ -197,37 +188,30 @@ def script(words: Words, folder: Path) -> None:
     if name == "test.sh":
         there(rest)
         if rest[:1] == ["--faults"]:
-            campaign = ROOT / "tests" / "faults" / "campaign.py"
-            taken(lambda: runpy.run_path(str(campaign), run_name="__main__"), [name, *rest[1:]])
+            run_file(ROOT / "tests" / "faults" / "campaign.py", [name, *rest[1:]])
         return
     if name == "setup.sh":
         end = subprocess.run([ROOT / name, *rest, "--packages"], capture_output=True, text=True)
         assert end.returncode == 0, end.stderr
         return
-    said = _without_setup(folder, rest)
-    file = SOURCES / "aras_visual_servo_bench" / "nodes" / "demo"
-    taken(lambda: runpy.run_path(str(file), run_name="__main__"), ["demo", *said])
+    run_file(SOURCES / "aras_visual_servo_bench" / "nodes" / "demo",
+             ["demo", *_without_setup(folder, rest)])  # fmt: skip
 
 
 def _without_setup(folder: Path, rest: Words) -> Words:
     """Return the words that demo.sh passes on in a workspace that needs no setup."""
-    stage = folder / "stage"
+    stage, told = folder / "stage", folder / "told"
     shutil.rmtree(stage, ignore_errors=True)
-    (stage / "devel").mkdir(parents=True)
+    for path, text in (("devel/setup.bash", ""), ("setup.sh", ""),
+                       (".venv/bin/rosrun", 'printf "%s\\n" "${@:3}" > "$TOLD"\n')):  # fmt: skip
+        (stage / path).parent.mkdir(parents=True, exist_ok=True)
+        (stage / path).write_text(f"#!/bin/bash\n{text}")
+        (stage / path).chmod(0o755)
     shutil.copy(ROOT / "demo.sh", stage)
     (stage / "src").symlink_to(SOURCES)
-    (stage / "devel" / "setup.bash").write_text("")
-    for name, text in (("setup.sh", ""), ("rosrun", 'printf "%s\\n" "${@:3}" > "$TOLD"\n')):
-        path = stage / ".venv" / "bin" / name if name == "rosrun" else stage / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(f"#!/bin/bash\n{text}")
-        path.chmod(0o755)
-    told = folder / "told"
     rest = [word for word in rest if word != "--rviz"]  # asks for a display
-    env = {**os.environ, "TOLD": str(told)}
-    end = subprocess.run(
-        [stage / "demo.sh", *rest], env=env, cwd=folder, capture_output=True, text=True
-    )
+    end = subprocess.run([stage / "demo.sh", *rest], env={**os.environ, "TOLD": str(told)},
+                         cwd=folder, capture_output=True, text=True)  # fmt: skip
     assert end.returncode == 0, end.stderr
     return told.read_text().splitlines()
 
@@ -248,19 +232,6 @@ def copy(words: Words, folder: Path) -> None:
         shutil.copy(ROOT / word, folder)
 
 
-def bag(words: Words, folder: Path) -> None:
-    assert words[1] in ("info", "play", "check", "record", "filter"), words
-
-
-def service(words: Words, folder: Path) -> None:
-    """Accept a service call; tests/integration/test_docs.py checks it on a graph."""
-    assert words[1] in ("call", "list", "info", "echo", "hz", "load", "set", "get", "pub"), words
-
-
-def anything(words: Words, folder: Path) -> None:
-    """Accept a command of the system."""
-
-
 def dask(words: Words, folder: Path) -> None:
     """Check the words of Dask's programs, without starting them."""
     program = importlib.import_module(f"distributed.cli.dask_{words[1]}").main
@@ -274,17 +245,23 @@ def pip(words: Words, folder: Path) -> None:
     assert words[2][2:-1] in ("", *project["optional-dependencies"]), words
 
 
-def aras_servo(words: Words, folder: Path) -> None:
-    rosrun(["rosrun", "aras_visual_servo_bench", "bench", *words[1:]], folder)
+def subcommand(*known: str) -> Callable[[Words, Path], None]:
+    """Accept these first words; tests/integration/test_docs.py checks services on a graph."""
+    def check(words: Words, folder: Path) -> None:
+        assert words[1] in known, words
+
+    return check
 
 
 CHECKS: dict[str, Callable[[Words, Path], None]] = {
-    "python": python, "rosrun": rosrun, "roslaunch": roslaunch, "docker": docker, "rosbag": bag,
-    "cp": copy, "dask": dask, "pip": pip, "aras-servo": aras_servo,
+    "python": python, "rosrun": rosrun, "roslaunch": roslaunch, "docker": docker,
+    "rosbag": subcommand("info", "play", "check", "record", "filter"),
+    "cp": copy, "dask": dask, "pip": pip,
+    "aras-servo": lambda w, f: rosrun(["rosrun", "aras_visual_servo_bench", "bench", *w[1:]], f),
     "setup.sh": script, "demo.sh": script, "test.sh": script,
-    "truth": lambda w, f: taken(lambda: runpy.run_path(str(ROOT / w[0]), run_name="__main__"), w),
-    **dict.fromkeys(("rosservice", "rostopic", "rosparam", "rosnode"), service),
-    **dict.fromkeys(
-        ("cd", "mkdir", "export", "source", ".", "git", "apt", "catkin_make", "roscore",
-         "cat", "xdg-open", "ls"), anything),
+    "truth": lambda w, f: run_file(ROOT / w[0], w),
+    **dict.fromkeys(("rosservice", "rostopic", "rosparam", "rosnode"), subcommand(
+        "call", "list", "info", "echo", "hz", "load", "set", "get", "pub")),
+    **dict.fromkeys(("cd", "mkdir", "export", "source", ".", "git", "apt", "catkin_make", "roscore",
+                     "cat", "xdg-open", "ls"), lambda words, folder: None),  # the system's
 }  # fmt: skip

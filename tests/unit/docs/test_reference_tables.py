@@ -37,24 +37,6 @@ def test_every_field_of_a_shown_class_is_in_its_table(script):
             assert {field.name for field in dataclasses.fields(documented)} - names == set(), name
 
 
-def test_what_a_docstring_changes_changes_the_page(script):
-    class Documented:
-        """Documented class.
-
-        Attributes (of the class):
-            first, second: both,
-                in two lines | with a bar.
-            third: m.
-
-        Not this: one.
-        """
-
-    found = script.read_attributes(Documented)
-    assert found == [("first, second", "both, in two lines | with a bar."), ("third", "m.")]
-    assert "| `third` | m. |" in script.make_fields_table(Documented)
-    assert any(r"lines \| with" in row for row in script.make_fields_table(Documented))
-
-
 def test_every_outcome_is_explained_on_the_page_of_the_controller():
     page = (ROOT / "src/aras_visual_servo_controller/README.md").read_text(encoding="utf-8")
     table = page.partition("| outcome | when |")[2].partition("\n\n")[0]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import dataclasses
 import json
 import math
@@ -27,14 +26,11 @@ from aras_visual_servo_controller.settings import ControllerSettings
 BRIDGE, CAMERA_KEYS = "src/aras_sim_bridge/README.md", "src/aras_sim_bridge/docs/camera.md"
 CAMERA, WORLD = "src/aras_visual_servo_camera/README.md", "src/aras_visual_servo_gazebo/README.md"
 CONTROLLER = "src/aras_visual_servo_controller/README.md"
-# Tables with numbers, by page and first words of their heading: recomputed by which test, ...
+# Tables with numbers, by page and first words of their heading: recomputed here ...
 CHECKED = {
-    (BRIDGE, "parameter"): "here", (CAMERA, "parameter"): "here", (WORLD, "argument"): "here",
-    (CAMERA_KEYS, "key"): "here", ("docs/theory.md", "λ, 1/s"): "here",
-    ("docs/studies.md", "name"): "here",
-    ("docs/moments.md", "name"): "here",
-    (CONTROLLER, "name"): "here",
-    ("docs/camera.md", "lens"): "here",
+    (BRIDGE, "parameter"), (CAMERA, "parameter"), (WORLD, "argument"), (CAMERA_KEYS, "key"),
+    ("docs/theory.md", "λ, 1/s"), ("docs/studies.md", "name"), ("docs/moments.md", "name"),
+    (CONTROLLER, "name"), ("docs/camera.md", "lens"),
 }  # fmt: skip
 # ... or measured, and written by which program, which takes too long for a test.
 STEPS = "tests/unit/world/test_step_response.py"
@@ -93,16 +89,15 @@ def test_every_table_of_numbers_is_recomputed_or_says_who_measures_it():
         for heading, *rows in tables(page):
             if any(NUMBER.match(cell.strip("`*")) for row in rows for cell in row[1:]):
                 found.add((str(page.relative_to(ROOT)), heading[0]))
-    told = set(CHECKED) | set(MEASURED)
+    told = CHECKED | set(MEASURED)
     assert found == told, f"name in CHECKED or MEASURED, or take out: {sorted(found ^ told)}"
     for who in MEASURED.values():
         assert (ROOT / who).exists(), who
-    for who in CHECKED.values():
-        assert who == "here" or (ROOT / "tests" / "unit" / who).is_file(), who
 
 
 def test_rates_of_decay_are_those_of_the_loop_that_the_page_describes():
-    """Stepped image by image, not by the polynomial's roots."""
+    """Stepped image by image, not by the polynomial's roots; and lenses reach as far as they draw.
+    """
     heading, *rows = next(t for t in tables(ROOT / "docs/theory.md") if t[0][0] == "λ, 1/s")
     lateness = [float(re.search(r"τ = (\d+)", cell)[1]) / 1e3 for cell in heading[1:]]
     period = 1.0 / 30.0
@@ -113,6 +108,12 @@ def test_rates_of_decay_are_those_of_the_loop_that_the_page_describes():
             for _ in range(400):
                 s.append(s[-1] - float(gain) * ((period - rest) * s[-1 - n] + rest * s[-2 - n]))
             assert cell == f"{-math.log(s[-1] / s[-31]):.2f}", (gain, tau)
+    lenses = table("docs/camera.md", "lens")
+    assert {row[0] for row in lenses} == set(RADIUS_FUNCTION)
+    for name, _, reach, models in lenses:
+        degrees = math.degrees(2 * LARGEST_ANGLE[name])
+        assert degrees == pytest.approx(float(re.search(r"\d+", reach)[0]))
+        assert set(names_of(models)) <= set(COEFFICIENTS)
 
 
 def test_moments_that_a_feature_needs_are_those_of_its_formula():
@@ -134,15 +135,6 @@ def test_moments_that_a_feature_needs_are_those_of_its_formula():
         assert compute_required_order([name]) == int(one[0]), name
     assert told["area"] == f"2 (points: {compute_required_order(['area'], POINTS)})"
     assert [compute_required_order([name]) for name in ("m20", "mu21")] == [3, 4]  # i + j + 1
-
-
-def test_the_reach_of_lenses_is_what_they_draw():
-    for name, _, reach, models in table("docs/camera.md", "lens"):
-        assert math.degrees(2 * LARGEST_ANGLE[name]) == pytest.approx(
-            float(re.search(r"\d+", reach)[0])
-        )
-        assert set(names_of(models)) <= set(COEFFICIENTS)
-    assert {row[0] for row in table("docs/camera.md", "lens")} == set(RADIUS_FUNCTION)
 
 
 # -- defaults in tables --------------------------------------------------------------------------
@@ -221,44 +213,3 @@ def test_arguments_of_launch_files_are_listed_with_their_defaults():
             assert value == own or any(f"/{d}".endswith(f"/{value}") for d in known[name]), name
             compared += 1
     assert compared >= 30
-
-
-# -- defaults in help texts ----------------------------------------------------------------------
-
-
-def calls(file: Path) -> Iterator[tuple[str, object, str]]:
-    """Flag, default and help text of each argument of a program; what is computed is left out."""
-    tree = ast.parse(file.read_text(encoding="utf-8"))
-    constants = {target.id: node.value.value for node in tree.body if isinstance(node, ast.Assign)
-                 and isinstance(node.value, ast.Constant) for target in node.targets
-                 if isinstance(target, ast.Name)}  # fmt: skip
-    for node in ast.walk(tree):
-        if not (isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "add_argument"):
-            continue
-        given = {k.arg: k.value for k in node.keywords}
-        default, text = given.get("default"), given.get("help")
-        if isinstance(default, ast.Name) and default.id in constants:
-            default = ast.Constant(constants[default.id])
-        if isinstance(default, ast.Constant) and isinstance(text, ast.Constant):
-            yield ast.unparse(node.args[0]).strip("'"), default.value, text.value
-
-
-def test_help_texts_name_the_default_that_counts():
-    """A number in brackets at the end of a help text, or behind 'default', is the default."""
-    modules = ("src/*/src/**/*.py", "docs/*.py", "tests/**/*.py")
-    programs = [file for place in modules for file in ROOT.glob(place)
-                if b"add_argument(" in file.read_bytes()]  # fmt: skip
-    programs += [file for place in ("src/*/nodes/*", "src/*/scripts/*", "tests/*/*")
-                 for file in ROOT.glob(place) if not file.suffix and file.is_file()
-                 and file.read_bytes().startswith(b"#!/usr/bin/env python")]  # fmt: skip
-    compared = 0
-    for file in programs:
-        for flag, default, text in calls(file):
-            told = re.search(r"\(([-\d.]+)\)$|default:? ([-\d.]*\d)", text)
-            if told and default is not None:
-                compared += 1
-                assert float(told[1] or told[2]) == float(default), f"{file}: {flag}: {text}"
-            elif "%(default)s" in text:
-                compared += 1
-                assert default not in (None, ""), f"{file}: {flag}"
-    assert compared >= 15

@@ -45,10 +45,8 @@ def test_a_notebook_is_stored_with_small_outputs(name):
     stored = nbformat.read(path, as_version=4)
     nbformat.validate(stored)
     assert path.stat().st_size < MOST_BYTES
-    assert [cell.execution_count for cell in code_cells(stored)] == [
-        k + 1 for k in range(len(code_cells(stored)))
-    ]
-    for cell in code_cells(stored):
+    for number, cell in enumerate(code_cells(stored), 1):
+        assert cell.execution_count == number
         assert cell.outputs, f"run docs/run_notebooks.py {name}: no output of\n{cell.source}"
         assert len(streams(cell, "stdout").splitlines()) <= MOST_LINES
         assert "\x1b" not in streams(cell, "stderr") + streams(cell, "stdout")
@@ -71,12 +69,9 @@ def test_a_notebook_runs(name, tmp_path, monkeypatch):
         assert (tmp_path / "figures" / "success.pdf").stat().st_size > 1000
 
 
-def test_what_is_in_no_cell_cannot_be_replaced(tmp_path):
+def test_what_is_in_no_cell_cannot_be_replaced_nor_an_unknown_notebook_run(tmp_path):
     path = run_notebooks.NOTEBOOKS / "my_study.ipynb"
     with pytest.raises(ValueError, match="no code cell contains 'repeats: 11'"):
         run_notebooks.execute(path, tmp_path, {"repeats: 11": ""})
-
-
-def test_an_unknown_notebook_gets_the_list():
     with pytest.raises(SystemExit, match="no notebook my_studdy; there are: first_servo, my_sch"):
         run_notebooks.main(["my_studdy"])

@@ -201,3 +201,13 @@ def edges_of(name: str, file: Path, modules: set[str]) -> set[str]:
         found |= {wanted[:k] for k, c in enumerate(wanted) if c == "."} | {wanted}
     return {wanted for wanted in found & modules
             if wanted != name and not name.startswith(f"{wanted}.")}
+
+
+def test_a_class_name_is_used_once() -> None:
+    """A reader who meets a class in two modules is not to wonder whether it is the same one."""
+    places: dict[str, list[str]] = {}
+    for file in SOURCES.rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text(), str(file))):
+            if isinstance(node, ast.ClassDef):
+                places.setdefault(node.name, []).append(str(file.relative_to(SOURCES)))
+    assert {name: found for name, found in places.items() if len(found) > 1} == {}

@@ -235,11 +235,12 @@ def test_rviz_shows_the_robot_its_frames_the_images_and_the_run():
 
 @pytest.mark.parametrize(("display", "why"), [
     ("", "DISPLAY is not set"), (":4711", "no X server answers on display :4711"),
-    (f":{os.getpid()}", ""),
+    (":{process}", ""),
 ])  # fmt: skip
 def test_without_a_display_rviz_says_so_and_the_run_goes_on(tmp_path, display, why):
     tmp_path.joinpath("rviz").write_text("#!/bin/sh\necho \"shown $@\"\n")
     tmp_path.joinpath("rviz").chmod(0o755)
+    display = display.format(process=os.getpid())  # a display that no other process has
     with socket.socket(socket.AF_UNIX) as server:
         server.bind(f"\0/tmp/.X11-unix/X{os.getpid()}")
         server.listen()

@@ -22,7 +22,6 @@ RUNS = {
     "arm at a limit": {"plant": "chain", "start": "2015", "gain": 12.0},
     "arm with velocities": {"plant": "chain", "controller_parameters": {"output": "velocity"}},
     "two tasks under way": {"plant": "chain", "delay": 0.06},
-    "late joints of an arm": {"plant": "chain", **LATE},
     "free camera with positions": {"plant": "free", "controller_parameters": {
         "output": "position"}},
     "free camera, wrongly mounted": {"plant": "free", "calibration_offset": {

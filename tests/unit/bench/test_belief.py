@@ -9,7 +9,6 @@ from aras_visual_servo_base.poses import exponential, inverse, matrix_from_xyz_r
 from aras_visual_servo_bench import Experiment, assemble, run
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment.robots import Robot
-from aras_visual_servo_bench.plants.imaging import capture
 from aras_visual_servo_bench.setup.assembly import check
 from aras_visual_servo_controller.observation.frame import Frame
 
@@ -95,13 +94,6 @@ def test_exact_features_are_seen_through_the_believed_camera(plant):
     assert (seen["centre"][0].xg, seen["centre"][0].yg) == pytest.approx(expected)
     # The believed lens draws edges inwards, so what is seen there is taken to be further out.
     assert seen["distortion"][0].m00 > 1.003 * true[0].m00
-
-
-def test_jitter_is_the_same_number_of_pixels_along_both_axes():
-    parts = assemble(flying(jitter=0.5))
-    pose, random = parts.goal_pose, np.random.default_rng(1)
-    seen = np.array([capture(parts.plant.imaging, pose, 0, random).points for _ in range(400)])
-    np.testing.assert_allclose(seen.std(axis=0), 0.5, rtol=0.15)
 
 
 @pytest.mark.parametrize(("make", "plant", "depth"), [

@@ -96,16 +96,6 @@ def test_a_run_is_told_with_reason_and_remedy_and_its_whole_seed(ask, rows):
         ask("run", study="first", run=30)
 
 
-def test_two_studies_are_compared(ask):
-    """Their numbers: unit/study/test_recomputed.py."""
-    told = ask("compare", first="first", second="second")["differences"]
-    assert not any(d["is_significant"] for d in told)  # the same numbers by luck
-    tested = [d["p"] for d in told if d["verdict"] == "chance"]
-    assert tested and sorted(tested) == [d["p"] for d in told[:len(tested)]]
-    same = ask("compare", first="first", second="first", by=["gain"])["differences"]
-    assert all(d["paired"] and d["before"] == d["after"] for d in same if d["before"] is not None)
-
-
 @pytest.mark.parametrize(("asked", "said"), [
     ({"do": "rows", "filters": where(("gian", "=", 1))}, "no column 'gian'.*'gain'"),
     ({"do": "rows", "filters": where(("gain", "~", 1))}, "operator"),
@@ -409,3 +399,13 @@ def test_the_command_opens_the_page_in_a_browser_and_ends_by_interrupt(
         child.kill()
         child.wait()
     assert "Traceback" not in child.stderr.read()
+
+
+def test_two_studies_are_compared(ask):
+    """Their numbers: unit/study/test_recomputed.py."""
+    told = ask("compare", first="first", second="second")["differences"]
+    assert not any(d["is_significant"] for d in told)  # the same numbers by luck
+    tested = [d["p"] for d in told if d["verdict"] == "chance"]
+    assert tested and sorted(tested) == [d["p"] for d in told[:len(tested)]]
+    same = ask("compare", first="first", second="first", by=["gain"])["differences"]
+    assert all(d["paired"] and d["before"] == d["after"] for d in same if d["before"] is not None)

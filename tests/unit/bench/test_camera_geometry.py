@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment import cameras
 from aras_visual_servo_bench.experiment.camera_specs import CalibrationOffset, CameraSpec
@@ -93,6 +92,7 @@ def test_a_believed_camera_has_its_own_numbers():
     assert CalibrationOffset().make_calibrated_camera(true) == true
     assert CalibrationOffset(xyz=(0, 0, 0.1)).is_moved
     assert CalibrationOffset(rpy=(0, 0.1, 0)).is_moved
+    assert not CameraSpec(rpy=(0, 0, 0.1)).is_in_description
     with pytest.raises(ExperimentError, match="^calibration_offset: "):
         CalibrationOffset(distortion=(0.1,) * 3).make_calibrated_camera(true)
 
@@ -127,20 +127,6 @@ def test_what_a_camera_delivers_is_observed_as_it_is_believed():
     assert (seen.valid, seen.reason, seen.pixel_count) == (False, "covered", 7)
     gone = observe(Frame(5_000_000_000, camera=TRUE), None, observer)
     assert (gone.valid, gone.reason) == (False, "the target is not in view")
-
-
-def test_a_camera_sits_in_the_hand_or_stands():
-    """In the hand x is forward, y left and z up; its own axes are right, down and forward."""
-    link = np.eye(4)
-    link[:3, :3] = [[0, 0, 1], [-1, 0, 0], [0, -1, 0]]
-    seat = matrix_from_xyz_rpy((0.1, 0.2, 0.3), (0.1, -0.2, 0.3))
-    held = CameraSpec(xyz=(0.1, 0.2, 0.3), rpy=(0.1, -0.2, 0.3))
-    stands = CameraSpec(pose=(0.1, 0.2, 0.3, 0.1, -0.2, 0.3))
-    np.testing.assert_allclose(held.compute_pose(), link.T @ seat @ link, atol=1e-12)
-    np.testing.assert_allclose(stands.compute_pose(), seat, atol=1e-12)
-    assert CameraSpec().is_in_description and CameraSpec(frame="f").is_in_description
-    for spec in (held, stands, CameraSpec(rpy=(0, 0, 0.1))):
-        assert not spec.is_in_description
 
 
 def test_a_camera_is_read_with_its_rate(tmp_path):

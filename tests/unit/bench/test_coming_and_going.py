@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from aras_visual_servo_bench import Experiment, Loop, assemble
-from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.experiment.experiment import SunSpec, TargetSpec
+from aras_visual_servo_bench.experiment.experiment import SunSpec
 from aras_visual_servo_controller.observation.feature_extractor import FeatureExtractor
 
 TIMES = ((0.1, 0.2), (0.3, 0.4))  # at each an image is exposed, which is before a coming
@@ -66,11 +65,3 @@ def test_the_sun_shines_at_its_times_and_the_goal_is_taught_in_the_light_at_0_s(
         np.testing.assert_array_equal(grey > 1.5 * grey[0], is_within_times(stamps))
     else:  # the sun has lit the goal, and is gone by the first image
         assert error > 50.0
-
-
-def test_times_that_cannot_be_are_refused():
-    for occluder, interval, why in ((None, (0.1, 0.2), "set target.occluder"),
-                                    (OCCLUDER, (0.2, 0.1), "the interval 0.2 to 0.1 s, must be"),
-                                    (OCCLUDER, (-0.2, 0.1), "must be 0 <= start < end")):
-        with pytest.raises(ExperimentError, match=why):
-            TargetSpec(shape="square", occluder=occluder, occluded=[interval])

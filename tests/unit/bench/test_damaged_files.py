@@ -1,5 +1,5 @@
 """Files that users bring, damaged, are read or refused in one line (robots, worlds and meshes: in
-unit/properties/test_texts.py)."""
+unit/properties/test_texts.py; hand-eye files: in unit/base/test_hand_eye.py)."""
 
 import random
 import re
@@ -11,15 +11,12 @@ import pytest
 from aras_sim_bridge.camera.camera_file import read_camera
 from aras_sim_bridge.camera.config import CameraConfig
 from aras_visual_servo_base.errors import SimError
-from aras_visual_servo_base.hand_eye_files import read_hand_eye
-from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.targets.svg_outlines import read_svg
 from aras_visual_servo_bench.targets.target_factory import make_target
 
 NUMBER = re.compile(rb"(?<![\w.])-?\d+\.?\d*(?:[eE][-+]?\d+)?(?![\w.])")
 WORDS = (b"nan", b"inf", b"1e300", b"-1", b"0", b"abc", b"", b"[1, 2]")
-POSE = matrix_from_xyz_rpy((0.021, -0.034, 0.085), (0.3, -2.8, 1.2))
 K = np.array([[620.0, 0.0, 319.0], [0.0, 622.0, 241.0], [0.0, 0.0, 1.0]])
 CALIBRATION = {"camera_matrix": K, "image_width": 640, "image_height": 480,
                "distortion_coefficients": np.array([[-0.21, 0.11, 0.001, -0.0008, 0.02]])}
@@ -37,10 +34,6 @@ def camera(path):
     return [*np.ravel(made.K), *made.D, made.width, made.height]
 
 
-def hand_eye(path):
-    return read_hand_eye(path).link_T_camera
-
-
 SAMPLES = {
     "ros": (camera, ".yaml", "image_width: 640\nimage_height: 480\ncamera_name: eye\n"
             "camera_matrix:\n  rows: 3\n  cols: 3\n  data: [620, 0, 319, 0, 622, 241, 0, 0, 1]\n"
@@ -51,15 +44,6 @@ SAMPLES = {
     "kalibr": (camera, ".yaml", "cam0:\n  camera_model: pinhole\n  intrinsics: [620, 622, 319, 241]"
                "\n  distortion_model: radtan\n  distortion_coeffs: [-0.21, 0.11, 0.001, -0.0008]\n"
                "  resolution: [640, 480]\n"),
-    "hand-eye rows": (hand_eye, ".txt", "".join(
-        " ".join(map(repr, row)) + "\n" for row in POSE.tolist())),
-    "hand-eye opencv": (hand_eye, ".yaml", storage(
-        ".yaml", R_cam2gripper=POSE[:3, :3], t_cam2gripper=POSE[:3, 3:])),
-    "hand-eye json": (hand_eye, ".json", storage(
-        ".json", rvec=cv2.Rodrigues(POSE[:3, :3])[0].ravel(), tvec=POSE[:3, 3])),
-    "hand-eye launch": (hand_eye, ".launch", '<launch>\n<node pkg="tf2_ros" name="b" type='
-                        '"static_transform_publisher"\n args="0.1 0.2 0.3 0 0 0 1 tool0 '
-                        'eye_optical_frame"/>\n</launch>\n'),
     "svg": (lambda path: read_svg(path).corners, ".svg",
             '<svg xmlns="http://www.w3.org/2000/svg"\n width="60mm" height="100mm"\n'
             ' viewBox="0 0 60 100">\n<path d="M 0 0 L 60 0 L 60 20 L 20 20 L 20 100 L 0 100 Z"/>\n'

@@ -46,19 +46,15 @@ def test_a_run_is_described_in_six_lines(short: Run, filmed: Run) -> None:
     assert lines[2] == f"  reason: {short.reason}" and lines[3] == f"  remedy: {short.remedy}"
     assert lines[4].endswith(f" s of simulated time, {len(short.stamp)} images processed, 0 stored")
     assert lines[5] == "  scheme: moments on plant free"
-    assert repr(replace(short, reason="one\ntwo" * 9)).count("\n") == 5
     lines = repr(filmed).splitlines()
     assert lines[0].startswith("run 'noisy': converged") and len(lines) == 4
     assert f", {len(filmed.stamp)} stored" in lines[2]
-    assert repr(replace(filmed, reason="noise", remedy="average")) == repr(filmed)
     assert repr(filmed.control_record) == (
         f"CameraRecord(320x240, {len(filmed.stamp)} exposures, {len(filmed.stamp)} images stored, "
         "0 frames of a film)")
     unknown = replace(short, verdict=replace(short.verdict, name="", distance=np.nan))
     assert "verdict: unknown, because the true poses are" in repr(unknown)
     assert "No verdict: the true poses are unknown." in unknown._repr_html_()
-    known = replace(short, verdict=replace(short.verdict, distance=np.nan))
-    assert "goal_missed, distance unknown" in repr(known)
 
 
 def test_a_card_has_outcome_image_curve_and_numbers(short: Run, filmed: Run) -> None:

@@ -27,11 +27,9 @@ def test_a_page_for_all_is_served_under_no_name_that_a_foreign_page_could_have(l
     access = Access(listening, 8090, TOKEN)
     assert access.refusal_reason(TOKEN, "192.168.7.20:8090", None) == ""
     for host in (
-        "cafe.de:8090", "dead.beef:8090", "abc:8090", "1.2.3:8090", "256.1.1.1:8090", "cafe:8090",
         "evil.example:8090", "192.168.7.20:80", "192.168.7.20", "[fe80::1]:80", "fe80::1:8090",
-        "[cafe.de]:8090", "[192.168.7.20]:8090", "evil[fe80::1]:8090", "[fe80::1]evil:8090",
-        "[fe80::1%]:8090", "192.168.7.20%eth0:8090", "0xc0.0xa8.1.1:8090", "3232235777:8090",
-        ":8090", "lab:8090",
+        "[192.168.7.20]:8090", "evil[fe80::1]:8090", "[fe80::1]evil:8090", "[fe80::1%]:8090",
+        "192.168.7.20%eth0:8090", "0xc0.0xa8.1.1:8090", ":8090",
     ):  # fmt: skip
         assert "not available under" in access.refusal_reason(TOKEN, host, None), host
         assert "are not allowed" in access.refusal_reason(

@@ -214,19 +214,6 @@ PLOT = """import('/plots.js').then(async (m) => {{
     const answer = await (async () => {{ {answer} }})(); box.remove(); return answer; }})"""
 
 
-def test_every_curve_has_its_name_however_small_the_plot(page):
-    written = page.js(PLOT.format(
-        width=200, names=["xn", "yn", "an", "alpha"], units=[],
-        samples="[[0, [0.1, -0.2, 0.3, -1.5]], [1, [0.1, -0.2, 0.3, -0.00001]]]",
-        answer="""const b = box.getBoundingClientRect();
-            return [...box.querySelectorAll(".names span")].map((s) => {
-            const r = s.getBoundingClientRect();
-            return [s.textContent, r.right <= b.right && r.bottom <= b.bottom]; });""",
-    ))  # fmt: skip
-    assert written == [[text, True] for text in (
-        "xn 0.1000", "yn -0.2000", "an 0.3000", "alpha 0.0000")]  # fmt: skip
-
-
 def test_what_has_another_unit_has_another_axis(page):
     """Errors in m and in rad on one axis would leave the smaller ones without a shape."""
     charts = page.js(PLOT.format(

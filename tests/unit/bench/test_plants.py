@@ -80,21 +80,6 @@ def test_the_simulated_arm_is_spawned_at_its_start_and_moves_as_told(robot, pres
             plant.command("velocity", goal)
 
 
-def test_a_moved_camera_is_moved_in_the_physics_and_can_be_believed_elsewhere(robot, preset):
-    moved = Robot(RobotSpec(), xyz=(0.0, 0.03, 0.0), rpy=(0.0, 0.17, 0.0))
-    for one in (robot, moved):
-        with contextlib.closing(bullet(one, preset)) as plant:
-            q = plant.read_joints()[0]
-            np.testing.assert_allclose(plant.read_pose(), one.make_arm().pose(q), atol=1e-9)
-            at_rest = plant.compute_rest_poses([q])[0]
-            np.testing.assert_allclose(at_rest, plant.read_pose(), atol=1e-9)
-    pose = moved.make_arm().pose(START)
-    assert np.linalg.norm(pose - robot.make_arm().pose(START)) > 0.1
-    # y left is -x right, and a pitch about y one of the other sign about x.
-    believed = robot.make_calibrated_arm((-0.03, 0.0, 0.0), (-0.17, 0.0, 0.0))
-    np.testing.assert_allclose(believed.pose(START), pose, atol=1e-12)
-
-
 @pytest.mark.parametrize(("change", "complaint"), [
     ({"urdf": "package://nowhere/arm.urdf"}, "package 'nowhere'"),
     ({"camera": "left"}, "no camera 'left'"),

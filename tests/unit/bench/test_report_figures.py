@@ -82,50 +82,6 @@ def pixel(points):
     return np.asarray(points) * [K[0], K[4]] + [K[2], K[5]]
 
 
-def test_a_camera_s_pixels_are_the_axes_of_its_picture_plane(runs, paper):
-    figure = views.draw_image_trajectory(runs[:1])
-    (axis,) = figure.axes
-    edges = [-0.5, WIDTH - 0.5, HEIGHT - 0.5, -0.5]
-    assert [*axis.get_xlim(), *axis.get_ylim()] == edges
-    assert axis.images[0].get_extent() == edges
-    assert axis.get_xlabel() == "column (pixel)" and axis.get_ylabel() == "row (pixel)"
-    assert bool(axis.get_title("left")) is not paper
-    # It is the last picture, paler, and white where that is.
-    shown = axis.images[0].get_array()
-    last = picture(len(runs[0].control_record.images) - 1).astype(float)
-    np.testing.assert_allclose(255 - shown.astype(float), 0.35 * (255 - last), atol=1.0)
-    grid = [*axis.get_xgridlines(), *axis.get_ygridlines()]
-    assert not any(line.get_visible() for line in grid)
-    other = with_images(runs[0], [(0.0, picture(0)), (1.0, picture(0)[:-1])])
-    assert not views.draw_image_trajectory([other]).axes[0].images  # not the camera's size
-    assert views.draw_image_trajectory([replace(runs[0], cameras={})]) is None
-
-
-def test_points_go_from_a_dot_to_a_ring(runs, screen):
-    run = of_points(runs[0])
-    figure = views.draw_image_trajectory([run])
-    (axis,) = figure.axes
-    feature = np.array([s.scheme_output.features if s.scheme_output else [np.nan] * 4
-                        for s in run.states])
-    wanted = run.states[120].scheme_output.desired  # the last that is known
-    (legend,) = figure.legends
-    assert words(legend) == ["point 1", "point 3", "start", "goal"]
-    named = dict(zip(words(legend), legend.get_lines(), strict=True))
-    lines = iter(axis.lines)
-    for name, at in (("point 1", slice(2, 4)), ("point 3", slice(0, 2))):
-        path = feature[:, at][np.isfinite(feature[:, at]).all(axis=1)]
-        line, start, goal = next(lines), next(lines), next(lines)
-        same(line, pixel(path), color=named[name].get_color(), alpha=1.0, linestyle="-")
-        same(start, pixel(path[0]), color=named["start"].get_color(), marker="o")
-        same(goal, pixel(wanted[at]), markeredgecolor=named["goal"].get_markeredgecolor(),
-             markerfacecolor="none", marker="o")  # fmt: skip
-        for line, other in ((start, named["start"]), (goal, named["goal"])):
-            assert line.get_marker() == other.get_marker()
-            assert line.get_markerfacecolor() == other.get_markerfacecolor()
-    assert next(lines, None) is None
-    assert len({line.get_color() for line in legend.get_lines()[:2]}) == 2
-
-
 def centre(rim):
     x, y = rim.T
     cross = x * np.roll(y, -1) - y * np.roll(x, -1)
@@ -202,20 +158,6 @@ def test_a_strip_shows_the_picture_next_to_each_milestone(runs, paper):
     blind = replace(blind, states=(replace(blind.states[0], scheme_output=None),))
     (axis,) = views.draw_filmstrip([blind]).axes
     np.testing.assert_array_equal(axis.images[0].get_array(), picture(0))
-
-
-def test_an_outline_that_leaves_a_picture_does_not_make_it_smaller(runs, screen):
-    local = (placed(runs[0], runs[0].joint_stamp[-1]) - GOAL[:3, 3]) @ GOAL[:3, :3]
-    middle = local.mean(axis=0)
-    at = (np.array((0, 200)) - [K[2], K[5]]) / [K[0], K[4]] * middle[2]
-    goal = GOAL.copy()  # from where the target's middle is seen at an edge
-    goal[:3, 3] += GOAL[:3, :3] @ [*(middle[:2] - at), 0.0]
-    few = with_images(runs[0], runs[0].control_record.images[:1])
-    axis = views.draw_filmstrip([replace(few, goal_pose=goal)]).axes[0]
-    shown = np.transpose(axis.lines[0].get_data())
-    beyond = (shown < 0.0) | (shown > [WIDTH, HEIGHT])
-    assert 0 < beyond.any(axis=1).sum() < len(shown)
-    assert [*axis.get_xlim(), *axis.get_ylim()] == [-0.5, WIDTH - 0.5, HEIGHT - 0.5, -0.5]
 
 
 def check_frustum(lines, pose, size, **look):
@@ -394,15 +336,6 @@ def test_several_runs_show_their_speeds(runs):
     assert scale.span == (-0.05, 1.1)
 
 
-def test_what_goes_over_decades_has_a_logarithmic_axis_of_one_run_and_of_several(runs):
-    decades = {"norm of the errors, relative", "distance to the goal", "angle to the goal",
-               "condition number", "condition number of L", "condition number of L J"}  # fmt: skip
-    for some in (runs[:1], runs, [of_points(runs[0]), runs[1]]):
-        told = {p.title: p.is_logarithmic for part in CHAPTERS.values() for p in part.panels(some)}
-        assert {title for title, log in told.items() if log} == decades & set(told)
-        assert len(decades & set(told)) == (4 if len(some) == 1 else 5)
-
-
 def test_joints_of_another_run_are_found_by_their_names(runs):
     turned = replace(runs[1], joint_names=(JOINTS[2], "tool", JOINTS[0]))
     found = {p.title: p for p in panels.make_joint_panels([runs[0], turned])}
@@ -460,3 +393,12 @@ def test_verdicts_are_of_distance_and_angle(runs):
         found = Verdict.compare(GOAL, at, 1.0, reached)
         assert (found.distance, found.angle) == pytest.approx((5e-3, np.pi / 2))
         assert found.is_reached == word and found.name == f"goal_{'reached' if word else 'missed'}"
+
+
+def test_what_goes_over_decades_has_a_logarithmic_axis_of_one_run_and_of_several(runs):
+    decades = {"norm of the errors, relative", "distance to the goal", "angle to the goal",
+               "condition number", "condition number of L", "condition number of L J"}  # fmt: skip
+    for some in (runs[:1], runs, [of_points(runs[0]), runs[1]]):
+        told = {p.title: p.is_logarithmic for part in CHAPTERS.values() for p in part.panels(some)}
+        assert {title for title, log in told.items() if log} == decades & set(told)
+        assert len(decades & set(told)) == (4 if len(some) == 1 else 5)

@@ -5,10 +5,10 @@ import re
 import numpy as np
 import pytest
 
-from aras_visual_servo_base.poses import inverse, xyz_rpy_from_matrix
+from aras_visual_servo_base.poses import xyz_rpy_from_matrix
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment.experiment import Experiment, RandomStart
-from aras_visual_servo_bench.runner.loop import Loop, assemble, run
+from aras_visual_servo_bench.runner.loop import assemble, run
 from aras_visual_servo_bench.setup.start_sampling import POSE_TOLERANCE
 
 CHAIN = Experiment(plant="chain", time_after_convergence=0.0)
@@ -51,19 +51,6 @@ def test_a_target_that_leaves_the_view_is_an_outcome():
     assert np.isnan(result.error[-1]).all()
 
 
-def test_true_poses_are_the_plants_and_not_the_controllers_belief():
-    wrong = {"xyz": (0.0, 0.01, 0.0), "rpy": (0.0, 0.02, 0.0)}
-    experiment = CHAIN.with_changes(calibration_offset=wrong, duration=3.0)
-    loop = Loop(experiment, assemble(experiment))
-    loop.run_to_end()
-    result = loop.make_run()
-    arm = loop.plant.arm
-    for q, pose in zip(result.measured_positions[::50], result.true_pose[::50], strict=True):
-        np.testing.assert_allclose(arm.pose(q), pose, atol=1e-12)
-    believed = loop.servo.arm.pose(result.measured_positions[-1])
-    assert np.linalg.norm(believed[:3, 3] - result.true_pose[-1][:3, 3]) > 5e-3
-
-
 @pytest.mark.parametrize("start", ["2016", {"height": [0.2, 0.4], "side": 0.05, "turn": 1.0}])
 def test_a_believed_focal_length_that_is_wrong_is_diagnosed(start):
     """The loop comes to rest with no error left, and to the wrong place: it has to say why."""
@@ -71,16 +58,6 @@ def test_a_believed_focal_length_that_is_wrong_is_diagnosed(start):
                                     start=start, time_after_convergence=0.1))  # fmt: skip
     assert not result.verdict.is_reached and result.verdict.distance > 0.05
     assert result.outcome == "wrong_camera_model" and "calibrate" in result.remedy
-
-
-def test_a_moving_target_takes_its_goal_along():
-    motion = {"velocity": (0.05, 0.0, 0.0, 0.0, 0.0, 0.0)}
-    experiment = FREE.with_changes(target={"motion": motion}, duration=1.0,
-                                   time_after_convergence=None)  # fmt: skip
-    loop = Loop(experiment, assemble(experiment))
-    loop.run_to_end()
-    moved = loop.compute_goal_pose() @ inverse(loop.parts.goal_pose)
-    np.testing.assert_allclose(moved[:3, 3], [5e-11 * loop.plant.time_ns, 0.0, 0.0], atol=1e-12)
 
 
 @pytest.mark.parametrize(("plant", "scheme", "twist", "duration"), [
@@ -135,12 +112,7 @@ def test_starts_in_every_form_are_one():
     ({"controller_parameters": {"gian": 2.0}}, "unknown parameter ~gian.*gain"),
     ({"start": "2017"}, "start is '2017'"),
     ({"start": [0.0, 0.0]}, "start is .0.0, 0.0.*for each of gantry, J1"),
-    ({"goal": "/nowhere/goal.yaml"}, "cannot read the goal /nowhere/goal.yaml"),
-    ({"goal": "/dev/zero"}, "not a regular file"),
-    ({"gain": -1.0}, "gain is -1.0, must be > 0"),
-    ({"robot": {"urdf": "/nowhere.urdf"}}, "there is no file /nowhere.urdf"),
-    ({"camera": "orignal"}, "camera 'orignal' is no preset: did you mean 'original'"),
-    ({"camera": {"widht": 3}}, "widht")])
+    ({"goal": "/dev/zero"}, "not a regular file")])
 def test_what_cannot_be_run_is_refused(changes, complaint):
     with pytest.raises(ExperimentError, match=complaint) as caught:
         run(CHAIN.with_changes(**changes))

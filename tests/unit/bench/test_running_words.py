@@ -105,15 +105,6 @@ def test_what_is_missing_is_run_and_reported(tiny, capsys):
     assert f"{tiny.path / 'table.md'} has all metrics" in said
 
 
-def test_a_run_without_success_stops_it(tiny, capsys):
-    assert tiny("--fail-fast") == 1
-    last = capsys.readouterr().out.splitlines()[-1]
-    assert last.startswith(
-        "stopped after run 0, which ended with timed_out (not converged after 0.1 s); ")
-    assert last.endswith(f"; repeat it with rosrun aras_visual_servo_bench bench show {tiny.path} "
-                         "0")
-
-
 INTERRUPTS = """
 from aras_visual_servo_bench import metric
 count = 0

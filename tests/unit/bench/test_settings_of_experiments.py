@@ -49,6 +49,8 @@ DEFAULTS = {
 def test_where_nothing_is_said_it_is_as_documented(kind):
     made = kind()
     assert {key: getattr(made, key) for key in DEFAULTS[kind]} == DEFAULTS[kind]
+
+
 SMALL, MAT = 1e-3, {"shape": "square", "pose": (0, 0, 0.6, 0, 0, 0)}
 PLACED = (0.0, 0.0, 0.591, 0.0, 0.0, 0.0)
 BOX, COVER, TRIANGLE = {"size": (0.1, 0.1, 0.1)}, ((0, 0), (1, 1)), ((0, 0), (1, 0), (0, 1))
@@ -82,6 +84,7 @@ BOUNDS = [
      TargetSpec("square", (2.0, 2.01), PLACED)),
     (TargetSpec, {"shape": "square", "occluder": COVER}, "occluded", ((0.0, SMALL),),
      ((-SMALL, 1.0),)),
+    (TargetSpec, {"shape": "square"}, "occluded", None, ((0.1, 0.2),)),
     (SupportBoxSpec, {}, "size", (SMALL, 2.0, 2.0), (0.0, 2.0, 2.0)),
     (SupportBoxSpec, {}, "size", (2.0, 2.0, 2.0), (2.0, 2.0, 2.01)),
     (SupportBoxSpec, BOX, "mass", SMALL, 0.0),

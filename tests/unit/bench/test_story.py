@@ -4,7 +4,6 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from page_host import told
@@ -165,23 +164,6 @@ def test_a_target_is_drawn_by_its_edges_and_faces(story):
     assert gone.name == "target" and not len(gone.points)
 
 
-def test_the_camera_is_a_pyramid_of_sixteen_centimetres_of_the_camera_there_is(story):
-    for camera in (story.camera, CameraModel(200, 100, (150.0, 0, 80, 0, 140.0, 60, 0, 0, 1))):
-        story.camera = camera
-        (fx, _, cx), (_, fy, cy), _ = np.reshape(camera.K, (3, 3))
-        w, h = camera.width, camera.height
-        corners = np.array([[(u - cx) / fx, (v - cy) / fy, 1.0] for u, v in (
-            (-0.5, -0.5), (w - 0.5, -0.5), (w - 0.5, h - 0.5), (-0.5, h - 0.5))])  # fmt: skip
-        corners *= 0.16 / np.linalg.norm(corners, axis=1).max()
-        pose = story.pose
-        edges, border = ((shape(story, f"camera {part}").points - pose[:3, 3]) @ pose[:3, :3]
-                         for part in ("edges", "picture"))  # fmt: skip
-        np.testing.assert_allclose(edges[::2], np.zeros((4, 3)), atol=1e-12)
-        np.testing.assert_allclose(edges[1::2], corners, atol=1e-9)
-        np.testing.assert_allclose(border[::8], [*corners, corners[0]], atol=1e-9)
-        assert len(border) == 4 * 8 + 1
-
-
 def test_places_nearer_than_half_a_millimetre_are_one_and_a_track_keeps_its_ends(story, arm):
     slide = np.eye(len(STRAIGHT))[np.argmax(arm.is_prismatic)]
     for shift in (0.0, 0.45e-3, 0.55e-3):
@@ -280,22 +262,6 @@ def test_a_colour_is_the_visuals_or_that_of_its_name_and_four_numbers():
         assert found == colour, material
 
 
-def test_the_colour_of_a_picture_is_its_mean_and_of_none_the_models(tmp_path):
-    picture = np.zeros((2, 3, 3), np.uint8)
-    picture[0] = 51, 102, 255  # blue, green, red; the other row is black
-    cv2.imwrite(str(tmp_path / "a.png"), picture)
-    (tmp_path / "m.obj").write_text(
-        "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl m\nf 1/1 2/1 3/1\n")
-    colours = []
-    for line in ("map_Kd a.png", "map_Kd none.png", "Kd 0.1 0.2 0.3"):
-        (tmp_path / "m.mtl").write_text(f"newmtl m\n{line}\n")
-        urdf = URDF.replace('<box size="1 2 3"/>', f'<mesh filename="file://{tmp_path}/m.obj"/>')
-        colours += [colour for _, colour, _ in collect_visuals(parse_urdf(urdf), urdf)]
-    assert colours[0] == pytest.approx((0.5, 0.2, 0.1, 1.0))
-    assert colours[1] == pytest.approx((0.7, 0.7, 0.7, 1.0), abs=0.03)
-    assert colours[2] == (0.1, 0.2, 0.3, 1.0)
-
-
 def write_mesh(folder, corners):
     """Write a binary STL file of these corners (3 n, 3), and return a description with it."""
     rows = np.zeros(len(corners) // 3, [("normal", "<f4", 3), ("corners", "<f4", (3, 3)),
@@ -318,3 +284,20 @@ def test_a_page_draws_400_000_triangles_and_a_target_2000(tmp_path):
     told = "the meshes of r have 400002 triangles, must be at most 400000"
     with pytest.raises(DescriptionError, match=told):
         make_robot_model(urdf.replace(visual, visual + visual))
+
+
+def test_the_camera_is_a_pyramid_of_sixteen_centimetres_of_the_camera_there_is(story):
+    for camera in (story.camera, CameraModel(200, 100, (150.0, 0, 80, 0, 140.0, 60, 0, 0, 1))):
+        story.camera = camera
+        (fx, _, cx), (_, fy, cy), _ = np.reshape(camera.K, (3, 3))
+        w, h = camera.width, camera.height
+        corners = np.array([[(u - cx) / fx, (v - cy) / fy, 1.0] for u, v in (
+            (-0.5, -0.5), (w - 0.5, -0.5), (w - 0.5, h - 0.5), (-0.5, h - 0.5))])  # fmt: skip
+        corners *= 0.16 / np.linalg.norm(corners, axis=1).max()
+        pose = story.pose
+        edges, border = ((shape(story, f"camera {part}").points - pose[:3, 3]) @ pose[:3, :3]
+                         for part in ("edges", "picture"))  # fmt: skip
+        np.testing.assert_allclose(edges[::2], np.zeros((4, 3)), atol=1e-12)
+        np.testing.assert_allclose(edges[1::2], corners, atol=1e-9)
+        np.testing.assert_allclose(border[::8], [*corners, corners[0]], atol=1e-9)
+        assert len(border) == 4 * 8 + 1

@@ -30,7 +30,6 @@ from aras_visual_servo_controller.observation.feature_extractor import FeatureEx
 GAZEBO = Path(__file__).parents[3] / "src" / "aras_visual_servo_gazebo"
 GOAL = (0.05, 0.0, -0.09, 0.045, 0.045, 0.0)
 START = [0.07, 0.0, -0.09, 0.045, 0.045, 0.3]
-SQUARE = [[-0.05, -0.05], [0.05, -0.05], [0.05, 0.05], [-0.05, 0.05]]
 PLACE = [0.01, -0.02, 0.591, 0.0, 0.0, 0.4]
 
 
@@ -79,16 +78,6 @@ def test_the_table_is_as_bright_as_its_sun_makes_it(direction, diffuse, exposure
         lit = (0.4 + diffuse / np.linalg.norm(direction)) / max(0.4 + diffuse, 1.0)
     assert np.median(grey) == pytest.approx(255 * lit, abs=1.5)
     assert grey.min() < 5
-
-
-@pytest.mark.parametrize(("changes", "told"), [
-    ({"shape": "four_dots"}, "whose top is at z = 0.59"),
-    ({"shape": SQUARE, "motion": {"step": [0.01, 0, 0]}}, "set target.shape, too"),
-    ({"shape": "square", "pose": PLACE, "size": [3, 1]}, "the size of the table"),
-    ({"shape": "nowhere.png", "pose": PLACE}, "there is no file")])  # fmt: skip
-def test_what_cannot_lie_on_the_table_is_told(changes, told):
-    with pytest.raises(ExperimentError, match=told):
-        assemble(Experiment.from_mapping({"target": changes, "goal": list(GOAL), "start": START}))
 
 
 @pytest.mark.parametrize("name", sorted(

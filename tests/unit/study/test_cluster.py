@@ -83,22 +83,6 @@ def test_a_run_that_hangs_and_a_worker_made_anew_leave_the_bytes_of_one_process(
     assert parts(here.path) == {name: there[name] for name in parts(here.path)} and len(there) == 3
 
 
-def test_without_a_number_there_is_a_worker_a_core(monkeypatch):
-    asked = {}
-
-    def cluster(**keys):
-        asked.update(keys)
-        raise StudyError("that is all")
-
-    monkeypatch.setattr(distributed, "LocalCluster", cluster)
-    for given, cores, wanted in (((), 7, 7), ((3,), 7, 3), ((), None, 1)):
-        monkeypatch.setattr(os, "cpu_count", lambda cores=cores: cores)
-        with pytest.raises(StudyError, match="that is all"):
-            DaskPool(*given)
-        assert (asked["n_workers"], asked["threads_per_worker"]) == (wanted, 1)
-        assert asked["processes"] and not asked["memory_limit"]
-
-
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nowhere"])
 def test_a_scheduler_that_does_not_answer_is_one_line(monkeypatch, address):
     """And no Client was made, which would wait for 20 s at the end and write a traceback."""

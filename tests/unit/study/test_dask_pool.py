@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import sys
 import time
 from collections import deque
@@ -50,6 +51,7 @@ class Dask:
 
     def LocalCluster(self, n_workers, silence_logs, **keys):
         assert n_workers == self.workers and silence_logs == logging.CRITICAL
+        assert keys["processes"] and keys["threads_per_worker"] == 1 and not keys["memory_limit"]
         self.scratch = Path(keys["local_directory"])
         return SimpleNamespace(
             workers=self.nannies, close=lambda timeout: self.log.append("cluster"))
@@ -125,6 +127,14 @@ def pool_of(monkeypatch):
     yield make
     for pool in made:
         pool.close()
+
+
+@pytest.mark.parametrize(("cores", "workers"), [(7, 7), (None, 1)])
+def test_without_a_number_there_is_a_worker_a_core(monkeypatch, cores, workers):
+    monkeypatch.setattr(os, "cpu_count", lambda: cores)
+    monkeypatch.setitem(sys.modules, "distributed", Dask(workers))
+    monkeypatch.setitem(sys.modules, "distributed.core", sys.modules["distributed"])
+    DaskPool().close()
 
 
 def test_every_worker_has_one_chunk_waiting_and_is_made_anew_after_so_many(pool_of):

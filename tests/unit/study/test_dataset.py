@@ -54,7 +54,7 @@ def arm():
         "delay": 0.1, "scheme": "points",
         "goal": {"pose": [0.01, 0.02, 0.85, 3.14159265, 0.0, 0.0]},
         "start": {"pose": [0.03, 0.0, 0.9, 3.14159265, 0.0, 0.2]},
-    }, depth=True)  # fmt: skip
+    })  # fmt: skip
     return study, rows.compute_row(study, 0)
 
 
@@ -99,17 +99,6 @@ def test_the_goal_moves_with_the_target(arm):
     at_zero = matrix_from_xyz_rpy((0.01, 0.02, 0.85), (3.14159265, 0.0, 0.0))
     at_zero[:3, 3] += first["stamp"] * np.array([0.01, 0.004, 0.0])
     np.testing.assert_allclose(goals[0], at_zero, atol=2e-5)
-
-
-def test_depth_is_kept_in_tenths_of_a_millimetre(arm):
-    for row in arm[1].images[::5]:
-        depth = pixels(row["depth"])
-        assert depth.dtype == np.uint16 and depth.shape == (240, 320)
-        T = np.reshape(row["pose"], (4, 4))
-        # The target's plane, 1 mm above the table, straight below a camera that looks down.
-        wanted = T[2, 3] - 0.591
-        rows_, columns = np.nonzero(np.abs(depth * image_table.DEPTH_STEP - wanted) < 3e-4)
-        assert len(rows_) > 80
 
 
 def test_of_each_camera_the_latest_image_is_kept_with_its_colours_and_depth():
@@ -162,7 +151,7 @@ def test_numbers_are_the_loops_own_and_what_is_kept_changes_no_run(arm):
         reading = next(one for one in seen if one.stamp == state.stamp)
         rgb = Image(reading.image, reading.encoding).rgb
         np.testing.assert_array_equal(pixels(row["picture"])[..., ::-1], rgb)
-    plain = Study.from_mapping({**study.to_mapping(), "pictures": "none", "depth": False})
+    plain = Study.from_mapping({**study.to_mapping(), "pictures": "none"})
     without = rows.compute_row(plain, 0)
     assert without.images == []
     for name, value in without.values[0].items():

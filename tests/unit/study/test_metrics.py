@@ -18,7 +18,6 @@ from aras_visual_servo_bench.recording.verdict import Verdict
 from aras_visual_servo_bench.targets.geometry import PlacedTarget, PolygonTarget, TargetMotion
 from aras_visual_servo_bench.targets.target_spec import TargetSpec
 from aras_visual_servo_camera.camera_model import CameraModel
-from aras_visual_servo_controller.records.outcomes import ArrivalStatus, PoseUncertainty
 from aras_visual_servo_controller.records.state import ServoState
 from aras_visual_servo_controller.schemes import SchemeOutput
 
@@ -252,16 +251,6 @@ def test_a_run_that_ended_before_its_first_image_has_what_numbers_it_can():
             "images_late")
     told = {"success": 1.0, "reached": 1.0, "final_distance": 0.002, "final_angle": 0.03}
     assert {k: v for k, v in known.items() if v == v} == {**dict.fromkeys(zero, 0.0), **told}
-
-
-def test_what_is_left_open_is_the_last_image_s_and_the_pace_is_the_mean_since_the_first():
-    found = run(real_time_factors=np.array([[-0.1, 9.0], [0.0, 2.0], [1.0, 4.0], [2.0, np.nan]]))
-    assert np.isnan(measured("open_distance", found))
-    left = PoseUncertainty(distance=2e-4, angle=0.03)
-    last = replace(found.states[-1], arrival_status=ArrivalStatus(True, pose_uncertainty=left))
-    found.states = (*found.states[:-1], last)
-    for name, value in (("open_distance", 2e-4), ("open_angle", 0.03), ("real_time_factor", 3.0)):
-        assert measured(name, found) == value
 
 
 def test_a_metric_says_which_values_are_better():

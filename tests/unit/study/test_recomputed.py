@@ -7,9 +7,7 @@ the points share.
 
 from __future__ import annotations
 
-import base64
 import io
-import itertools
 import json
 import math
 import os
@@ -27,16 +25,7 @@ from aras_visual_servo_bench.plots import palette, study_figures
 from aras_visual_servo_bench.studies import run_rows as rows
 from aras_visual_servo_bench.studies.results import Results
 from aras_visual_servo_bench.studies.study import Study
-from aras_visual_servo_bench.web.browse import result_queries as queries
-from aras_visual_servo_bench.web.browse.queries import (
-    ColumnFilter,
-    GroupQuery,
-    MapQuery,
-    PointQuery,
-    RowQuery,
-)
 from aras_visual_servo_bench.web.browse.server import serve
-from aras_visual_servo_bench.web.browse.studies import Studies
 
 KEYS = ["gain", "delay"]
 QUARTILES = "final_distance quartiles"
@@ -330,50 +319,6 @@ def test_distributions_and_boxes_show_the_rows_numbers(path, one):
 
 
 # -- the browser ----------------------------------------------------------------------------------
-
-
-def test_the_browser_s_groups_cells_and_points_are_recomputed(path, one):
-    look = Studies([path]).read_snapshot(is_forced=True)
-    mine = {"studies": ("one",), "filters": (ColumnFilter("delay", "<", 0.1),)}
-    chosen, asked = one[one.delay < 0.1], ("settled", "final_angle")
-    groups = queries.compute_groups(look, GroupQuery(**mine, by=("gain",), values=asked))
-    assert groups["count"] == 3
-    for told, (gain, group) in zip(groups["groups"], chosen.groupby("gain"), strict=True):
-        assert told["values"] == [gain] and told["runs"] == len(group)
-        assert told["rate"] == pytest.approx(told_rate(group)[:3])
-        for (found,), name in zip(told["estimates"], asked, strict=True):
-            wanted = group[name].median()
-            assert found == (None if math.isnan(wanted) else pytest.approx(wanted)), name
-        counts = group[group.hit == 0].end.value_counts()
-        allowed = [f"{n} × {end}" for end, n in counts.items() if n == counts.max()] or [""]
-        assert told["failure"] in allowed
-
-    for value in ("success", "settled"):
-        found = queries.compute_success_map(
-            look, MapQuery(("one",), x="delay", y="gain", value=value))
-        places = (enumerate(found[axis]["labels"]) for axis in "yx")
-        for (i, gain), (j, delay) in itertools.product(*places):
-            cell = one[(one.gain == gain) & (one.delay == delay)]
-            wanted = cell.hit.mean() if value == "success" else cell[value].median()
-            assert found["runs"][i][j] == len(cell)
-            assert found["values"][i][j] == (
-                None if math.isnan(wanted) else pytest.approx(wanted))  # fmt: skip
-        assert found["uncounted"] == 0
-
-    found = queries.find_points(look, PointQuery(("one",), x="settled", y="final_angle"))
-    known = one.dropna(subset=["settled", "final_angle"])
-    for axis, name in (("x", "settled"), ("y", "final_angle")):
-        values = np.frombuffer(base64.b64decode(found[axis]["values"]), "<f4")
-        np.testing.assert_allclose(values, known[name], rtol=1e-6)
-    assert (found["count"], found["uncounted"]) == (len(known), len(one) - len(known))
-    told = queries.list_rows(look, RowQuery(("one",), sort="settled", count=200))
-    assert (told["total"], told["success_count"]) == (len(one), one.hit.sum())
-    at = look.table.column_names.index("run")
-    order = one.sort_values("settled", kind="stable", na_position="last").run
-    known = slice(one.settled.count())
-    assert [row[at] for row in told["rows"]][known] == list(order)[known]
-    units = {c["name"]: c["unit"] for c in queries.describe_columns(look)}
-    assert {name: units[name] for name in UNITS} == SHOWN_UNITS
 
 
 def test_the_browser_compares_with_the_same_numbers(path, one, two):

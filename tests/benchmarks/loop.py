@@ -15,12 +15,10 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 import time
-from pathlib import Path
 
-import checkout  # noqa: F401
+import checkout
 from aras_robot import ArasRobot
 
 from aras_visual_servo_bench.experiment.experiment import Experiment
@@ -29,11 +27,6 @@ from aras_visual_servo_bench.setup.assembly import assemble
 
 IMAGES = 30  # in a simulated second
 POSES = ((0.1, 0.0, 0.17, -0.09, -0.09, 0.0), (-0.1, 0.2, 0.35, -0.26, -0.09, 0.17))
-
-
-def resident_mb() -> float:
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 def run(robot: ArasRobot, seconds: float) -> float:
@@ -99,9 +92,9 @@ def main() -> int:
     robot = ArasRobot()
     run(robot, 3.0)
     spent = run(robot, options.seconds)
-    before = resident_mb()
+    before = checkout.resident_mb()
     run(robot, options.hours * 3600.0)
-    after = resident_mb()
+    after = checkout.resident_mb()
     result = {
         "real_time_multiple": round(1.0 / spent, 1),
         "step_us": round(spent * 1e3, 2),

@@ -17,13 +17,12 @@ import argparse
 import contextlib
 import io
 import json
-import os
 import sys
 import tempfile
 import time
 from pathlib import Path
 
-import checkout  # noqa: F401
+import checkout
 
 from aras_visual_servo_bench.studies import study_execution as engine
 from aras_visual_servo_bench.studies.dask_pool import DaskPool
@@ -34,11 +33,6 @@ from aras_visual_servo_bench.studies.study_folder import TIMES, StudyFolder
 LONG = {"experiment": {"plant": "bullet", "duration": 3.0, "time_after_convergence": None,
                        "start": {"height": [0.15, 0.4], "side": 0.05}}}  # fmt: skip
 SHORT = {"experiment": {"plant": "free", "duration": 0.1}}
-
-
-def resident_mb() -> float:
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 class Watched(io.StringIO):
@@ -52,7 +46,7 @@ class Watched(io.StringIO):
         return True
 
     def write(self, text: str) -> int:
-        self.memory.append(resident_mb())
+        self.memory.append(checkout.resident_mb())
         return len(text)
 
 

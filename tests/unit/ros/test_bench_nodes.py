@@ -23,6 +23,7 @@ import rospy
 from aras_visual_servo_controller.msg import ServoState
 from gazebo_msgs.srv import GetModelState, GetWorldProperties, SetModelState
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
+from graph_helpers import until
 from run_messages import ARM, joint_states
 from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import Header, String
@@ -470,16 +471,9 @@ def launch(tmp_path, roslaunch, monkeypatch):
         one.stop(0.1)
 
 
-def until(condition):
-    end = time.monotonic() + 20.0
-    while not condition() and time.monotonic() < end:
-        time.sleep(0.01)
-    return condition()
-
-
 def test_a_launch_says_what_died_and_its_last_words(launch):
     one = launch('echo "$@ $MINE"; cat; echo; echo ended >&2; exec sleep 60')
-    assert until(lambda: "ended" in one.read_log())
+    until(lambda: "ended" in one.read_log())
     assert one.running and one.find_death_message() == ""
     assert one.read_log() == "a b:=1 yes\n\nended\n"
     assert one.read_last_lines() == "    a b:=1 yes\n    ended"
@@ -501,7 +495,7 @@ def test_nothing_of_a_launch_is_left_behind(launch, monkeypatch):
     # A name that is no text: any bytes will do.
     one = launch("trap '' INT TERM; (printf '\\377' >/proc/$BASHPID/comm; echo $BASHPID; sleep 20; "
                  "true) & wait; wait")
-    assert until(lambda: one.read_log().strip().isdigit())
+    until(lambda: one.read_log().strip().isdigit())
     child = int(one.read_log())
     assert os.getsid(child) != os.getsid(0)
     monkeypatch.setattr(os, "kill", lambda *given: (sent.add(given), kill(*given)))

@@ -1,7 +1,6 @@
 """Topics, settings and service of a camera; only images with subscribers are rendered."""
 
 import math
-import time
 from collections.abc import Callable
 from threading import Event, Thread
 from threading import enumerate as enumerate_threads
@@ -17,6 +16,7 @@ from dynamic_reconfigure.msg import StrParameter as Text
 from dynamic_reconfigure.srv import Reconfigure
 from gazebo_msgs.srv import SpawnModelRequest
 from genpy import Time
+from graph_helpers import messages, until
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from sensor_msgs.srv import SetCameraInfo
 from std_msgs.msg import Empty, String
@@ -81,20 +81,6 @@ def eye(graph, thread, tmp_path, monkeypatch):
     yield it
     it.topics.shutdown()
     it.step()
-
-
-def messages(connection, kind: type) -> list:
-    data, found = b"", []
-    try:
-        while True:
-            data += connection.heard.recv(1 << 20)
-    except BlockingIOError:
-        pass
-    while data:
-        size = int.from_bytes(data[:4], "little")
-        found.append(kind().deserialize(data[4 : 4 + size]))
-        data = data[4 + size :]
-    return found
 
 
 def test_nothing_is_drawn_while_nobody_listens(eye):
@@ -459,13 +445,6 @@ def test_the_encoder_ends_with_its_topic(graph):
     until(lambda: all("compress /c" not in thread.name for thread in enumerate_threads()))
 
 
-def until(condition) -> None:
-    end = time.monotonic() + 30.0
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.002)
-
-
 def test_a_compressed_topic_reads_its_parameters_and_sends(graph):
     place = "/c/image/compressed"
     for given, found, said in (
@@ -550,7 +529,8 @@ def take_names(monkeypatch, start: str) -> None:
 
 
 @pytest.mark.parametrize(("taken", "told"), [
-    ("/rig/controller_manager", "robot 'rig'"), ("/pose", "sensor '/pose'"),
+    ("/rig/controller_manager/list_controllers", "robot 'rig'"),
+    ("/rig/controller_manager/switch", "robot 'rig'"), ("/pose", "sensor '/pose'"),
     ("/eye", "camera 'eye'"), ("/nothing", "")])
 def test_all_there_is_has_its_topics_and_services_each_for_itself(
     graph, thread, monkeypatch, taken, told

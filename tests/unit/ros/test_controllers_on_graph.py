@@ -9,11 +9,12 @@ from actionlib_msgs.msg import GoalID, GoalStatus
 from control_msgs import msg as control
 from dynamic_reconfigure.msg import BoolParameter, Config, DoubleParameter, StrParameter
 from genpy import Duration, Time
+from graph_helpers import messages
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64, Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from aras_sim_bridge.control.controllers.base import Controller, JointStates
+from aras_sim_bridge.control.controllers.base import Controller
 from aras_sim_bridge.control.controllers.trajectory_types import JointTolerance as Tolerance
 from aras_sim_bridge.control.controllers.trajectory_types import (
     StatePoint,
@@ -22,7 +23,7 @@ from aras_sim_bridge.control.controllers.trajectory_types import (
 )
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.ros.control.manager_services import ManagerServices
-from aras_sim_bridge.ros.control.topics import STATES, ControllerTopics
+from aras_sim_bridge.ros.control.topics import ControllerTopics
 from aras_sim_bridge.ros.control.trajectory import (
     TrajectoryActionServer,
     fill_state,
@@ -225,16 +226,6 @@ def test_commands_reach_their_controller(rig):
     assert "2 values for 1" in rig.graph.lines[-1]
 
 
-def heard(connection, kind: type) -> list:
-    """The messages in a listener's socket."""
-    data, messages = connection.heard.recv(1 << 20), []
-    while data:
-        size = int.from_bytes(data[:4], "little")
-        messages.append(kind().deserialize(data[4 : 4 + size]))
-        data = data[4 + size :]
-    return messages
-
-
 def test_states_are_told_to_those_who_listen(rig):
     (go, states) = rig.run("go", "states")
     assert go.on_state is None and states.on_state is None
@@ -248,17 +239,17 @@ def test_states_are_told_to_those_who_listen(rig):
     (joints,) = rig.graph.listen("/rig/joint_states")
     rig.graph.send("/rig/go/command", Float64(0.5))
     rig.step(11)
-    now = heard(state, control.JointControllerState)
+    now = messages(state, control.JointControllerState)
     assert now[0].header.stamp.to_nsec() == 1_000_000
     assert (now[0].set_point, now[0].p, now[0].i, now[0].d, now[0].i_clamp) == (0.5, 20, 1, 4, 3)
     assert now[0].error == now[0].set_point - now[0].process_value
     assert now[1].process_value_dot > 0.0 and now[1].time_step == 0.001
-    pids = heard(pid, control.PidState)
+    pids = messages(pid, control.PidState)
     assert len(pids) == 11 and pids[0].timestep.to_nsec() == 1_000_000
     assert pids[0].header.stamp.to_nsec() == 0
     assert (pids[3].i_max, pids[3].i_min) == (3.0, -2.0)
     assert pids[3].output == pytest.approx(pids[3].p_term + pids[3].i_term + pids[3].d_term)
-    samples = heard(joints, JointState)
+    samples = messages(joints, JointState)
     assert [m.header.stamp.to_nsec() for m in samples] == [k * 1_000_000 for k in range(1, 12)]
     assert [m.header.seq for m in samples] == list(range(1, 12))
     assert samples[-1].name == ["cart", "slide"]
@@ -281,7 +272,7 @@ def test_joint_states_bear_gazebo_s_stamp_or_the_true_one(rig, true, late):
     rig.step(10)
     rig.graph.send("/rig/push/command", Float64(0.0))
     rig.step(10)
-    *_, first, last = heard(joints, JointState)
+    *_, first, last = messages(joints, JointState)
     model, time_ns = rig.robot.model, rig.thread.simulation.time_ns
     positions, velocities, _ = model.read_joints()
     k = model.joint_names.index("cart")
@@ -339,7 +330,7 @@ def test_a_controller_that_is_started_while_time_stands_holds_its_joint_where_it
     k = rig.robot.model.joint_names.index("cart")
     (state,) = rig.graph.listen("/rig/go/state")
     rig.step(11)
-    found = heard(state, control.JointControllerState)[0].set_point
+    found = messages(state, control.JointControllerState)[0].set_point
     assert found == pytest.approx(positions[k], abs=1e-9) and velocities[k] > 0.1
 
 
@@ -361,21 +352,6 @@ def test_the_emergency_stop_is_where_the_plugin_says(graph, thread, given, topic
     assert rig.robot.hardware.e_stop is False
     rig.services.shutdown()
     assert not graph.subscribers
-
-
-def test_services_that_cannot_be_had_leave_nothing_behind(graph, thread, monkeypatch):
-    given, count = rospy.Service, []
-
-    def service(name, *args):
-        count.append(name)
-        if "switch" in name:
-            raise rospy.ROSException("taken")
-        return given(name, *args)
-
-    monkeypatch.setattr(rospy, "Service", service)
-    with pytest.raises(rospy.ROSException):
-        Controllers(graph, thread)
-    assert len(count) > 3 and not graph.services and not graph.publishers
 
 
 POINTS = [JointTrajectoryPoint([1.0], [2.0], [3.0], [], Duration(0, 500_000_000)),
@@ -402,14 +378,6 @@ def test_a_trajectory_s_state_is_written_as_it_is():
         assert found.positions == wanted.positions and found.velocities == wanted.velocities
         assert found.accelerations == wanted.accelerations
         assert found.time_from_start.to_sec() == wanted.time_from_start
-
-
-def test_joint_states_are_written_as_they_are():
-    _, _, fill = STATES["joint_states"]
-    message = JointState()
-    fill(message, JointStates(5, ("a", "b"), [1.0, 2.0], [3.0, 4.0], [5.0, 6.0]))
-    assert (message.header.stamp.to_nsec(), message.name) == (5, ("a", "b"))
-    assert (message.position, message.velocity, message.effort) == ([1, 2], [3, 4], [5, 6])
 
 
 class ActionClient:

@@ -2,10 +2,10 @@
 
 import contextlib
 import socket
-import time
 
 import pytest
 import rosgraph
+from graph_helpers import until
 
 from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.ros.runtime.lockstep import Lockstep
@@ -43,13 +43,6 @@ def made(graph):
     yield make
     for queue in QUEUE_FLUSHER.list_unsent():
         queue.close()
-
-
-def until(condition) -> None:
-    end = time.monotonic() + 20.0
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.001)
 
 
 def test_a_round_is_over_when_the_last_topic_was_heard(made):

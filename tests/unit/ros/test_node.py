@@ -12,6 +12,7 @@ from dynamic_reconfigure.msg import Config, ConfigDescription
 from gazebo_msgs.msg import LinkState, LinkStates, ModelState, ModelStates, PerformanceMetrics
 from gazebo_msgs.srv import SpawnModelRequest
 from geometry_msgs.msg import Point, Pose, Quaternion
+from graph_helpers import messages, until
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64
 
@@ -94,19 +95,7 @@ def test_the_clock_ticks_at_multiples_of_its_period(graph, rate, stamps):
 
 
 def ticks(listener) -> list[int]:
-    try:
-        data = listener.heard.recv(1 << 16)
-    except BlockingIOError:
-        return []
-    found = [Clock().deserialize(data[k + 4 : k + 12]) for k in range(0, len(data), 12)]
-    return [tick.clock.to_nsec() for tick in found]
-
-
-def until(predicate) -> None:
-    end = time.monotonic() + 20.0
-    while not predicate():
-        assert time.monotonic() < end
-        time.sleep(0.001)
+    return [tick.clock.to_nsec() for tick in messages(listener, Clock)]
 
 
 @pytest.fixture

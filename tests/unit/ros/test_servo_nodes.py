@@ -11,6 +11,7 @@ import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus
 from aras_visual_servo_camera.msg import ImageMoments, KernelFeatures
 from aras_visual_servo_controller.msg import ServoToTargetActionGoal, ServoToTargetGoal
+from graph_helpers import until
 from run_messages import ARM, JOINTS, SETTINGS, K, joint_states, made_state, position
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo, Image, JointState
@@ -375,14 +376,6 @@ def served(graph, start, face, hear_with, end_threads):
     return owner
 
 
-def wait_for(condition):
-    end = time.monotonic() + 20.0
-    while not (found := condition()):
-        assert time.monotonic() < end
-        time.sleep(0.005)
-    return found
-
-
 class Client:
     """Client of the action on the graph in memory."""
 
@@ -402,7 +395,7 @@ class Client:
     def result(self, key):
         """Return status and result of a goal, once it has ended."""
         ended = self.graph.publishers["/two/servo_to_target/result"].sent
-        it, = wait_for(lambda: [one for one in ended if one.status.goal_id.id == key])
+        it, = until(lambda: [one for one in ended if one.status.goal_id.id == key])
         return it.status.status, it.result
 
 
@@ -423,7 +416,7 @@ def test_services_and_status_of_the_loop(graph, served, hear_with):
     status = graph.publishers["/two/servo_to_target/status"]
     for _ in range(2):  # while the clock stands still
         status.sent.clear()
-        wait_for(lambda: status.sent)
+        until(lambda: status.sent)
     status.unregister()
     time.sleep(0.3)
     assert "status" in [thread.name for thread in threading.enumerate()]
@@ -432,10 +425,10 @@ def test_services_and_status_of_the_loop(graph, served, hear_with):
 def test_an_action_succeeds_when_the_loop_has_converged(served, client):
     served.publisher.report(made_state(0.5, "converged"))  # of before
     client.send("a")
-    wait_for(lambda: served.runner.servo.phase != "stopped")
+    until(lambda: served.runner.servo.phase != "stopped")
     state = made_state(1.0)
     served.publisher.report(state)
-    wait_for(client.feedback)
+    until(client.feedback)
     served.publisher.report(made_state(2.0, "converged", outcome="converged"))
     status, result = client.result("a")
     assert (status, result.outcome, result.reason) == (GoalStatus.SUCCEEDED, "converged", "slow")
@@ -452,14 +445,14 @@ def test_an_action_succeeds_when_the_loop_has_converged(served, client):
 def test_an_action_ends_as_the_loop_or_somebody_wants(served, client):
     servo = served.runner.servo
     client.send("cancelled")
-    wait_for(lambda: servo.phase != "stopped")
+    until(lambda: servo.phase != "stopped")
     client.cancel("cancelled")
     status, result = client.result("cancelled")
     assert (status, result.outcome, result.reason, result.remedy) == (
         GoalStatus.PREEMPTED, "stopped", "preempted", "")
     assert list(result.feature_names) == [] and servo.phase == "stopped"
     client.send("stopped")
-    wait_for(lambda: servo.phase != "stopped")
+    until(lambda: servo.phase != "stopped")
     served.runner.stop("by hand")
     status, result = client.result("stopped")
     assert (status, result.outcome, result.reason) == (
@@ -471,7 +464,7 @@ def test_an_action_ends_as_the_loop_or_somebody_wants(served, client):
 def test_an_action_has_its_time(graph, served, client, known):
     servo = served.runner.servo
     client.send("a", 0.2)
-    wait_for(lambda: servo.phase != "stopped")
+    until(lambda: servo.phase != "stopped")
     found = make_outcome("too_few_images", "a gap")
     if known:
         served.runner.apply_change(lambda loop: loop.hold("a gap", found))

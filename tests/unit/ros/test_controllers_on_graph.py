@@ -354,6 +354,21 @@ def test_the_emergency_stop_is_where_the_plugin_says(graph, thread, given, topic
     assert not graph.subscribers
 
 
+def test_services_that_cannot_be_had_leave_nothing_behind(graph, thread, monkeypatch):
+    given, count = rospy.Service, []
+
+    def service(name, *args):
+        count.append(name)
+        if "switch" in name:
+            raise rospy.ROSException("taken")
+        return given(name, *args)
+
+    monkeypatch.setattr(rospy, "Service", service)
+    with pytest.raises(rospy.ROSException):
+        Controllers(graph, thread)
+    assert len(count) > 3 and not graph.services and not graph.publishers
+
+
 POINTS = [JointTrajectoryPoint([1.0], [2.0], [3.0], [], Duration(0, 500_000_000)),
           JointTrajectoryPoint([2.0], [], [], [], Duration(1, 0))]
 TRAJECTORY = JointTrajectory(joint_names=["slide"], points=POINTS)

@@ -74,18 +74,13 @@ def count_code_lines(text: str) -> int:
     return len(lines)
 
 
-def count_page_lines(text: str) -> int:
-    """Count lines of a web page's source that are not blank."""
-    return sum(bool(line.strip()) for line in text.splitlines())
-
-
 def source_lines() -> dict[str, int]:
-    """Count lines of code of `src`: Python, and the web pages' sources."""
+    """Count lines of code of `src`: Python, and the lines of web pages that are not blank."""
     python = [p for p in SOURCES.rglob("*") if p.suffix == ".py" or _is_script(p)]
     pages = [p for p in SOURCES.rglob("*") if p.suffix in PAGES and ".min." not in p.name]
     return {
         "Python": sum(count_code_lines(p.read_text()) for p in python),
-        "pages": sum(count_page_lines(p.read_text()) for p in pages),
+        "pages": sum(bool(line.strip()) for p in pages for line in p.read_text().splitlines()),
     }
 
 

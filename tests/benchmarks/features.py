@@ -36,7 +36,7 @@ from aras_visual_servo_controller.schemes import FeatureScheme
 
 CAMERA = CameraModel(320, 240, (300.0, 0, 159.5, 0, 300.0, 119.5, 0, 0, 1))
 FACING = np.diag([1.0, -1.0, -1.0, 1.0])  # a poster's z is towards the camera
-NEAR = (0.02, -0.01, 0.05)  # m that the goal is away from there, of photometric features
+NEAR_GOAL = GOAL + np.pad(np.array([[0.02], [-0.01], [0.05]]), ((0, 1), (3, 0)))  # photometric
 AWAY = {"kernel"}  # pixel counts of one camera: tests/benchmarks/moments.py
 
 
@@ -53,9 +53,7 @@ def microseconds(name: str, count: int) -> float:
     feature = FEATURES.create(name)
     goal = Goal.teach(FeatureScheme(feature), seen(feature, GOAL, name))
     feature.check(goal)
-    near = GOAL.copy()
-    near[:3, 3] += NEAR
-    observation = seen(feature, near if Need.IMAGE in feature.needs else VIEWS[0], name)
+    observation = seen(feature, NEAR_GOAL if Need.IMAGE in feature.needs else VIEWS[0], name)
     feature.measure(observation, goal)
     taken = []
     for _ in range(count):
@@ -67,9 +65,7 @@ def microseconds(name: str, count: int) -> float:
 
 def write_pictures(folder: Path) -> None:
     """Write the images for photometric features as PGM files for the ViSP program."""
-    near = GOAL.copy()
-    near[:3, 3] += NEAR
-    for name, place in (("goal", GOAL), ("near", near)):
+    for name, place in (("goal", GOAL), ("near", NEAR_GOAL)):
         image = picture(POSTER, CAMERA, FACING @ np.linalg.inv(place))
         cv2.imwrite(str(folder / f"{name}.pgm"), image)
 

@@ -107,9 +107,10 @@ def cao(solid: str) -> str:
 
 
 def summary(
-    solid: str, found: np.ndarray, poses: np.ndarray, took: np.ndarray
+    solid: str, answer: tuple[np.ndarray, np.ndarray], poses: np.ndarray
 ) -> dict[str, float]:
-    """Return errors (mm, degrees), number of lost images and processor time (ms)."""
+    """Return errors (mm, degrees), number of lost images and processor time (ms) of an answer."""
+    found, took = answer
     errors = np.array([error_of(solid, f, t) for f, t in zip(found, poses, strict=True)])
     lost = np.array([is_lost(e) for e in errors])
     rms = np.sqrt((errors[~lost] ** 2).mean(axis=0)) if not lost.all() else np.full(2, np.nan)
@@ -134,25 +135,19 @@ def main() -> int:
                 sequence = Sequence(solid, condition, folder, options.count)
                 drawn = list(sequence.pictures())
                 pictures, poses = np.array([d[0] for d in drawn]), np.array([d[1] for d in drawn])
-                rows = {"ours": summary(solid, *_placed(ours(solid, pictures, poses), poses))}
+                rows = {"ours": summary(solid, ours(solid, pictures, poses), poses)}
                 if options.visp:
                     pictures.tofile(folder / "pictures.raw")
                     np.savetxt(folder / "poses.txt", poses.reshape(-1, 16), "%.17g")
                     for kind in ("edges", "klt"):
                         answer = visp(options.visp, kind, solid, folder, options.count)
-                        rows[kind] = summary(solid, *_placed(answer, poses))
+                        rows[kind] = summary(solid, answer, poses)
                 results[f"{solid}, {condition}"] = rows
                 cells = [f"{r['mm']:.3f} mm, {r['degrees']:.3f}°, {r['lost']} lost, "
                          f"{r['ms']:.1f} ms" for r in rows.values()]  # fmt: skip
                 print(f"| {solid}, {condition} | {' | '.join(cells)} |", flush=True)
     print(json.dumps(results))
     return 0
-
-
-def _placed(
-    answer: tuple[np.ndarray, np.ndarray], poses: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return answer[0], poses, answer[1]
 
 
 if __name__ == "__main__":

@@ -9,8 +9,6 @@ from aras_visual_servo_controller.kinematics.algebra import (
     is_measurement_finite,
     is_task_finite,
     is_well_conditioned,
-    multiply,
-    multiply_vector,
     solve_least_squares,
     solve_linear,
     svd,
@@ -87,14 +85,6 @@ def test_least_squares_are_lapack_s(shape, scale):
         expected = right[: len(s)][kept].T @ (left.T[: len(s)][kept] @ e / (scale * s[kept]))
         found = solve_least_squares(L, e, tolerance)
         assert np.abs(found - expected).max() <= 1e-10 * np.linalg.norm(e) / scale
-
-
-@pytest.mark.parametrize("shape", SHAPES)
-def test_products_are_numpy_s(shape):
-    random = np.random.default_rng(1)
-    a, b = random.normal(size=shape), random.normal(size=(shape[1], 3))
-    np.testing.assert_allclose(multiply(a, b), a @ b, atol=1e-14)
-    np.testing.assert_allclose(multiply_vector(a, b[:, 0]), a @ b[:, 0], atol=1e-14)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])

@@ -40,29 +40,6 @@ def test_pose_is_that_of_pinocchio_s_own_reader(name, frame):
         assert np.abs(data.oMf[model.getFrameId(frame)].homogeneous - arm.pose(q)).max() < 1e-12
 
 
-def test_names_and_limits_are_the_description_s():
-    arm = make("aras")
-    assert arm.names == ARAS_JOINTS
-    assert arm.upper.tolist() == [1.5, 2.0943, 2.0943, 2.0943, 2.0943, 3000.0]
-    assert arm.lower.tolist() == [-1.5, -2.0943, -2.0943, -2.0943, -2.0943, -3000.0]
-    assert arm.velocity.tolist() == [5.0] * 6
-    assert arm.effort.tolist() == [80000.0, *[50000.0] * 5]
-    assert arm.is_prismatic.tolist() == [True, False, False, False, False, False]
-    panda = make("panda")
-    assert len(panda) == 7 and panda.lower[3] == -3.0718 and panda.upper[5] == 3.7525
-
-
-def test_joints_in_another_order_and_some_alone():
-    """More of it: test_kinematics.py."""
-    arm, q = make("aras"), np.array([0.1, 0.2, 0.3, -0.4, 0.1, 0.5])
-    for order, locked in (([5, 4, 3, 2, 1, 0], {}), ([1, 2, 3, 5], {"gantry": 0.1, "J5": 0.1})):
-        names = tuple(ARAS_JOINTS[k] for k in order)
-        some = Arm.from_urdf(urdf("aras"), joints=names, locked=locked)
-        assert some.names == names and some.lower.tolist() == arm.lower[order].tolist()
-        assert np.abs(some.pose(q[order]) - arm.pose(q)).max() < 1e-15
-        assert np.abs(some.jacobian(q[order]) - arm.jacobian(q)[:, order]).max() < 1e-15
-
-
 def test_places_are_those_of_the_joints_from_the_base_on():
     q = np.array([[0.1, 0.2, 0.3, -0.4, 0.1, 0.5], [-0.2, 0.5, 1.0, 0.3, -0.6, 0.2]])
     turned = Arm.from_urdf(urdf("aras"), joints=ARAS_JOINTS[::-1])
@@ -79,16 +56,6 @@ def test_from_another_base():
     assert below.names == ARAS_JOINTS[1:]
     assert np.abs(below.jacobian(q[1:]) - arm.jacobian(q)[:, 1:]).max() < 1e-12
     assert np.abs(above @ below.pose(q[1:]) - arm.pose(q)).max() < 1e-12
-
-
-def test_an_optical_frame_not_described_is_where_gazebo_s_camera_looks():
-    without = urdf("aras").replace("camera_optical_frame", "other_frame")
-    q = np.array([0.1, 0.2, 0.3, -0.4, 0.1, 0.5])
-    arm = Arm.from_urdf(without)
-    assert np.abs(arm.pose(q) - make("aras").pose(q)).max() < 1e-12
-    assert np.abs(arm.jacobian(q) - make("aras").jacobian(q)).max() < 1e-12
-    named = Arm.from_urdf(without, "camera_link")  # its sensor says where it looks
-    assert np.abs(named.pose(q) - arm.pose(q)).max() < 1e-15
 
 
 SENSOR = """<gazebo reference="{}"><sensor type="camera" name="c">{}<camera/></sensor></gazebo>"""

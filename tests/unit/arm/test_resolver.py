@@ -71,14 +71,10 @@ def test_exact_away_from_singularities(name, scale):
         assert answer.scale == 1.0 and not answer.reasons
         assert np.abs(answer.achieved_twist - arm.jacobian(q) @ answer.velocities).max() < 1e-12
         assert np.abs(answer.infeasible_twist).max() < 1e-9
-
-
-def test_seven_joints_take_the_shortest_velocities():
-    arm, q = make("panda"), np.array(REGULAR["panda"])
-    twist = np.array([0.02, -0.01, 0.03, 0.05, 0.1, -0.05])
-    answer = DifferentialIK(arm).solve(q, Task.from_twist(twist), 0.01)
-    assert np.abs(answer.velocities - np.linalg.pinv(arm.jacobian(q)) @ twist).max() < 1e-12
-    assert np.abs(arm.jacobian(q) @ answer.null_direction).max() < 1e-9
+    # seven joints take the shortest velocities
+    answer, J = resolver.solve(q, Task.from_twist(0.1 * np.ones(6)), 0.01), arm.jacobian(q)
+    assert np.abs(answer.velocities - 0.1 * np.linalg.pinv(J) @ np.ones(6)).max() < 1e-12
+    assert np.abs(J @ answer.null_direction).max() < 1e-9
 
 
 @pytest.mark.parametrize("joints", [("J1", "J2", "J3", "J6"), ("gantry", "J2", "J3", "J5", "J6")])
@@ -281,18 +277,6 @@ def test_a_joint_at_its_limit_stops_and_the_others_go_on():
     assert answer.velocities[6] == pytest.approx(0.1, rel=1e-9)  # to the limit itself
     assert f"{arm.names[6]} stopped at its limit" in answer.reasons
     assert np.abs(answer.achieved_twist - twist).max() < 0.05
-
-
-def test_a_joint_outside_its_range_may_only_come_back():
-    arm, q = make("aras"), np.array(REGULAR["aras"])
-    q[3] = arm.lower[3] - 0.01
-    wish = np.zeros(6)
-    for sign in (-1.0, 1.0):
-        wish[3] = sign
-        task = Task.from_twist(arm.jacobian(q) @ wish)
-        velocity = DifferentialIK(arm).solve(q, task, 0.01).velocities[3]
-        assert (velocity <= 0.0) if sign < 0 else (velocity > 0.5)
-        assert velocity >= 0.0 - 1e-12
 
 
 def near_trouble(arm, random, kind):

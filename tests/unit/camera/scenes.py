@@ -83,10 +83,6 @@ def chessboard(bench: Bench, columns=7, rows=6, square=0.04) -> np.ndarray:
                      for j in range(rows - 1) for i in range(columns - 1)])
 
 
-TARGET_CORNERS = np.array([[x, y, z] for x in (-0.025, 0.025) for y in (-0.025, 0.025)
-                           for z in (0.59, 0.5905)])
-
-
 def table_and_target(bench: Bench) -> None:
     """The demo's white table and black square, the target standing 0.5 mm above the table."""
     bench.box([3.0, 3.0, 0.295], [0, 0, 0.295])

@@ -6,10 +6,9 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-from scenes import TARGET_CORNERS, bright_renderer, chessboard, looking, table_and_target, to_camera
+from scenes import bright_renderer, chessboard, looking, to_camera
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
-from aras_sim_bridge.rendering import View
 
 LENSES = {
     "pinhole": dict(horizontal_fov=1.0),
@@ -75,29 +74,3 @@ def test_chessboard_corners_lie_where_camera_info_says(bench, lens):
     errors = np.concatenate(errors)
     assert len(errors) > 30 and rms(errors) <= 0.1
     assert np.abs(errors.mean(axis=0)).max() < 0.04, "the whole image is shifted"
-
-
-def test_centroid_and_area_of_the_target(bench):
-    table_and_target(bench)
-    renderer, K = bright_renderer(bench.world), CameraConfig(horizontal_fov=2.0).K
-    rng, centroids, areas = np.random.default_rng(0), [], []
-    for _ in range(60):
-        eye = [*rng.uniform(-0.06, 0.06, 2), 0.59 + rng.uniform(0.15, 0.3)]
-        turn = rng.uniform(0, 2 * np.pi)
-        T = looking(eye, [*rng.uniform(-0.03, 0.03, 2), 0.59], (np.cos(turn), np.sin(turn), 0))
-        p = to_camera(T, TARGET_CORNERS)
-        outline = cv2.convexHull((p[:, :2] / p[:, 2:] @ K[:2, :2] + K[:2, 2]).astype(np.float32))
-        outline = outline[:, 0].astype(float)
-        low, high = outline.min(axis=0).astype(int) - 3, outline.max(axis=0).astype(int) + 4
-        image = renderer.render(View(320, 240, T, K, 0.02, 100.0))
-        dark = (255.0 - image[low[1]:high[1], low[0]:high[0], 0]) / 255.0
-        v, u = np.mgrid[low[1]:high[1], low[0]:high[0]]
-        (x, y), (x2, y2) = outline.T, np.roll(outline, -1, axis=0).T
-        cross = x * y2 - x2 * y
-        area = cross.sum() / 2
-        centre = np.array([((x + x2) * cross).sum(), ((y + y2) * cross).sum()]) / (6 * area)
-        mass = dark.sum()
-        centroids.append([(dark * u).sum() / mass - centre[0], (dark * v).sum() / mass - centre[1]])
-        areas.append(mass / abs(area) - 1.0)
-    assert rms(np.array(centroids)) <= 0.015
-    assert np.sqrt(np.square(areas).mean()) <= 0.001 and abs(np.mean(areas)) <= 0.0003

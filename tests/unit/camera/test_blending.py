@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from scenes import BRIGHT, link_pose, looking
+from scenes import BRIGHT
 from scipy.spatial.transform import Rotation, Slerp
 
-from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.pose_interpolation import blend_pose, blend_poses
 from aras_sim_bridge.rendering import create_renderer
 from aras_visual_servo_base.poses import Pose
@@ -28,26 +27,6 @@ def test_a_pose_between_two_is_on_the_short_way_whatever_the_sign_of_a_quaternio
         for found in (pose, blend_pose(*ends, blend)):
             np.testing.assert_allclose(found[:3, :3], expected, atol=1e-6)
             np.testing.assert_allclose(found[:3, 3], at[0, 0] + blend * (at[1] - at[0])[0])
-
-
-def test_a_snapshot_is_of_the_last_step_alone(bench):
-    """A body that jumps twice: the second picture does not know where it was at first."""
-    bench.box([1, 1, 0.01], [0, 0, -0.02])
-    body = bench.box([0.03, 0.03, 0.001], [-0.1, 0, 0], "Gazebo/Black")
-    config = CameraConfig.from_mapping({"update_rate": 30.0, "near": 0.01, "horizontal_fov": 0.5})
-    sensor = CameraSensor(config, create_renderer("exact", bench.world, BRIGHT))
-    pose = link_pose(looking([0, 0, 1.0], [0, 0, 0], (0, 1, 0)))
-    columns = []
-    for k, x in ((34, 0.0), (67, 0.1)):
-        assert sensor.needs_previous_pose(k * MS)
-        sensor.before_step(pose, (k - 1) * MS)
-        body.set_pose(Pose((x, 0.0, 0.0)))
-        dark = 255.0 - sensor.capture(pose, k * MS).image[..., 0]
-        columns.append((dark * np.arange(320)).sum() / dark.sum())
-    pixel = config.K[0, 0] / 0.999
-    # The instants lie 1/3 and 2/3 into their steps.
-    assert columns == pytest.approx(
-        [159.5 + pixel * (-0.1 + 0.1 / 3), 159.5 + pixel * 0.1 * 2 / 3], abs=0.05)
 
 
 def test_a_model_that_came_after_a_snapshot_is_where_it_is_and_then_between_two(bench):

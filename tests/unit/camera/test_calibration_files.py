@@ -121,10 +121,14 @@ def test_a_projected_grid_is_opencvs(tmp_path, name, D, model):
     expected = project(grid[:, None], np.zeros(3), np.zeros(3), K, np.array(D or (0.0,) * 4))[0]
     pixels = camera.projection.project(grid)
     assert np.abs(pixels - expected.reshape(-1, 2)).max() < 1e-6
+    rays = camera.projection.unproject(pixels)
+    assert np.abs(rays / rays[:, 2:] - grid).max() < 1e-9
     assert (camera.width, camera.height) == SIZE
     info = camera.make_intrinsics()  # what the camera node and the loop get
     read = CameraModel(*SIZE, tuple(info.K.ravel()), info.D, info.model)
     assert np.abs(np.column_stack(read.project(*grid[:, :2].T)) - pixels).max() < 1e-6
+    x, y, valid = read.normalise(*pixels.T)
+    assert valid.all() and np.abs(np.column_stack([x, y]) - grid[:, :2]).max() < 1e-9
 
 
 @pytest.mark.parametrize("name", WRITERS)

@@ -11,24 +11,6 @@ from aras_sim_bridge.camera.lens import (
     fit_fisheye,
 )
 
-BROWN = [
-    (-0.3306, 0.117, 0.0, 0.0, 0.0),
-    (0.1, 0.02, 0.01, -0.02, 0.005),
-    (0.5, 0.1, 0.001, 0.002, 0.01, 0.6, 0.05, 0.001),
-    (0.5, 0.1, 0.001, 0.002, 0.01, 0.6, 0.05, 0.001, 0.02, -0.01, 0.015, 0.004),
-    (0.5, 0.1, 0.001, 0.002, 0.01, 0.6, 0.05, 0.001, 0.02, -0.01, 0.015, 0.004, 0.05, -0.08),
-]
-def rays(n=500):
-    points = np.random.default_rng(3).uniform(-0.9, 0.9, (n, 2))
-    return np.concatenate([points, np.ones((n, 1))], axis=1)
-
-
-@pytest.mark.parametrize("D", BROWN)
-def test_brown_unprojection_inverts_projection(D):
-    lens = BrownLens(D)
-    back = lens.unproject(lens.project(rays()))
-    np.testing.assert_allclose(back[:, :2] / back[:, 2:], rays()[:, :2], atol=1e-9)
-
 
 @pytest.mark.parametrize("seed", range(20))
 def test_the_fold_is_where_the_radius_stops_growing(seed):

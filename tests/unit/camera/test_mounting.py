@@ -33,18 +33,6 @@ def run(simulation, steps) -> None:
         simulation.step()
 
 
-def test_a_model_spawned_while_the_camera_runs_is_seen(simulation):
-    """At 30 Hz pictures fall between two steps, so the renderer is asked before and after one."""
-    camera = simulation.add_camera("c", PLACE)
-    frames = []
-    camera.on_frame, camera.enabled = frames.append, True
-    run(simulation, 70)
-    assert frames[-1].image.min() > 100
-    simulation.spawn(parse_urdf(BOX), "box", pose=Pose((0.5, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0)))
-    run(simulation, 70)
-    assert frames[-1].image.min() == 0
-
-
 def test_triggers_count_from_when_somebody_looks(simulation):
     camera = simulation.add_camera("c", {**PLACE, "trigger_topic": "go"})
     frames = []

@@ -62,16 +62,6 @@ def test_models_come_and_go(bench):
     assert (renderer.render(view()) == empty).all()
 
 
-def test_a_camera_inside_a_body_looks_out_of_it(bench):
-    body = bench.box([0.2, 0.2, 0.2], [0, 0, 1.0], "Gazebo/Black")
-    bench.box([2, 2, 0.01], [0, 0, 0], "Gazebo/White")
-    renderer = bright_renderer(bench.world)
-    pose = looking([0, 0, 1.0], [0, 0, 0], (0, 1, 0))
-    assert renderer.render(View(32, 24, pose, K, 0.02)).min() > 200
-    assert renderer.find_bodies_around([0, 0, 1.0]) == [f"{body.name}::link"]
-    assert renderer.find_bodies_around([0, 0, 1.5]) == []
-
-
 def test_unknown_renderer_lists_what_there_is(bench):
     with pytest.raises(RenderingError, match="'vulkan'; use one of auto, exact, tiny, opengl"):
         rendering.create_renderer("vulkan", bench.world)

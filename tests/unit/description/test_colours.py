@@ -20,19 +20,6 @@ def painted(name):
                     "</link></model></sdf>")
 
 
-LIGHTS = {"Red": "r", "Green": "g", "Blue": "b", "Yellow": "rg", "Purple": "rb",
-          "Turquoise": "gb", "White": "rgb", "Black": ""}
-
-
-@pytest.mark.parametrize("name", LIGHTS)
-def test_pure_colours_are_what_they_are_called(name):
-    pure = tuple(float(light in LIGHTS[name]) for light in "rgb")
-    assert COLOURS[f"Gazebo/{name}"] == (*pure, 1.0)
-    for ending, alpha in (("Glow", 1.0), ("Transparent", 0.5)):
-        if f"Gazebo/{name}{ending}" in COLOURS:
-            assert COLOURS[f"Gazebo/{name}{ending}"] == (*pure, alpha)
-
-
 SHIPPED = """Grey DarkGrey White FlatBlack Black Red RedBright Green Blue SkyBlue Yellow ZincYellow
     Purple Turquoise Orange WhiteGlow RedGlow GreenGlow BlueGlow YellowGlow PurpleGlow TurquoiseGlow
     TurquoiseGlowOutline RedTransparentOverlay BlueTransparentOverlay GreenTransparentOverlay

@@ -1,8 +1,6 @@
 """<gazebo> tags of a URDF: plugins, cameras, flags of links; unknown tags cause a warning."""
 
-import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from aras_sim_bridge.description import (
     CameraPlugin,
@@ -210,23 +208,6 @@ def test_a_robot_s_tags_come_in_the_order_of_the_file():
     assert [(one.kind, one.topic) for one in made.sensors] == [
         ("imu", "imu_data"), ("pose", "t"), ("pose", "u")]
     assert [one.name for one in made.cameras] == ["e", "f"]
-
-
-@pytest.mark.parametrize(("sensor", "own"), [
-    ("1 2 3 .1 .2 .3", ""), ("", ".5 .6 .7 .4 .5 .6"), ("1 2 3 .1 .2 .3", ".5 .6 .7 .4 .5 .6"),
-])
-def test_a_camera_stands_in_its_sensor_and_that_in_its_link(sensor, own):
-    def matrix(text):
-        values = [float(word) for word in text.split()] or [0.0] * 6
-        made = np.eye(4)
-        made[:3, :3] = Rotation.from_euler("xyz", values[3:]).as_matrix()
-        made[:3, 3] = values[:3]
-        return made
-
-    tag = "<pose>{}</pose>"
-    xyz, rpy = camera(tag.format(own) if own else "", tag.format(sensor) if sensor else "").pose
-    found = matrix(" ".join(map(str, (*xyz, *rpy))))
-    np.testing.assert_allclose(found, matrix(sensor) @ matrix(own), atol=1e-12)
 
 
 @pytest.mark.parametrize(("noise", "kind"), [

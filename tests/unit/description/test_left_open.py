@@ -5,8 +5,7 @@ from dataclasses import astuple
 
 import pytest
 
-from aras_sim_bridge.description import CameraPlugin, parse_sdf, parse_urdf, read_sdf, world_file
-from aras_sim_bridge.description.types import SUN as SUN_OF_GAZEBO
+from aras_sim_bridge.description import CameraPlugin, parse_sdf, parse_urdf, read_sdf
 from aras_sim_bridge.errors import DescriptionError
 
 NONE = (0.0, 0.0, 0.0)
@@ -16,15 +15,6 @@ SUN = ("directional", (0.0, 0.0, 10.0), NONE, (0.8, 0.8, 0.8, 1.0), (0.2, 0.2, 0
 STREAM = ("", "", "image_raw", "camera_info", "", 0.0, 0.0, 0.0, 0.0, 0.0, (0.0,) * 5, False, "",
           None)
 LENS = ("gnomonical", True, math.pi / 2, None)
-
-
-def test_the_light_of_no_world_is_gazebo_s_sun():
-    """Its direction is written with fewer digits there, and scaled."""
-    (sun,) = world_file.WorldFile().lights
-    assert sun == SUN_OF_GAZEBO
-    length = math.hypot(*sun.direction)
-    assert [value / length for value in sun.direction] == pytest.approx(SUN[5], abs=5e-5)
-    assert (sun.name, *astuple(sun)[1:6], *astuple(sun)[7:]) == ("sun", *SUN[:5], *SUN[6:])
 
 
 MASS = (1.0, NONE, NONE, (1.0, 0.0, 0.0, 1.0, 0.0, 1.0))

@@ -215,40 +215,17 @@ def test_a_mesh_that_is_damaged_after_the_spawn(tmp_path):
         world.reset_simulation()
 
 
-def test_larger_polygons_are_cut_into_triangles(tmp_path):
-    path = tmp_path / "a.dae"
-    text = dae('count="12">0 0 0 0.1 0 0 0 0.1 0 0 0 0.1', 'count="12">0 0 0 1 0 0 1 1 0 0 1 0')
-    text = text.replace(b"<p>0 2 1 0 1 3 0 3 2 1 2 3</p>", b"<p>0 1 2 3</p>")
-    path.write_bytes(polygons(text, b"4").replace(b'polylist count="4"', b'polylist count="1"'))
-    corners, _ = contents(path)
-    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 2] / 2
-    assert areas == pytest.approx([0.5, 0.5])
-
-
-def test_collada_s_unit_counts_and_its_up_axis_does_not(tmp_path):
-    """As Gazebo and rviz do it, for the eye and for the touch."""
-    path = tmp_path / "a.dae"
-    path.write_bytes(dae('meter="1"/><up_axis>Z_UP', 'meter="0.01"/><up_axis>Y_UP')
-                     .replace(b"0.1", b"10").replace(b">0 0 0</tr", b">0 0 20</tr"))
-    (mesh,) = read(str(path))
-    assert mesh.positions.max(axis=0) == pytest.approx([0.1, 0.1, 0.3])
-    with World() as world:
-        world.spawn_ground_plane()
-        model = world.spawn(parse_urdf(robot(path, "collision")), "robot")
-        for _ in range(600):
-            world.step()
-        assert model.link_pose("arm").xyz[2] == pytest.approx(-0.2, abs=0.01)
-
-
 def test_nodes_place_what_is_in_them_from_the_inside_out(tmp_path):
+    """In units of half a metre; the up axis has no effect, as in Gazebo and rviz."""
     path = tmp_path / "a.dae"
     path.write_bytes(dae(
         '<translate>0 0 0</translate>\n<instance_geometry url="#g"/>',
         "<translate>1 0 0</translate><rotate>0 0 1 90</rotate><node><scale>2 3 4</scale>"
-        '<translate>0 0 1</translate><instance_geometry url="#g"/></node>'))
+        '<translate>0 0 1</translate><instance_geometry url="#g"/></node>')
+        .replace(b'meter="1"', b'meter="0.5"').replace(b"Z_UP", b"Y_UP"))
     (mesh,) = read(str(path))
-    assert mesh.positions.min(axis=0) == pytest.approx([1 - 0.3, 0, 4], abs=1e-6)
-    assert mesh.positions.max(axis=0) == pytest.approx([1, 0.2, 4.4], abs=1e-6)
+    assert 2 * mesh.positions.min(axis=0) == pytest.approx([1 - 0.3, 0, 4], abs=1e-6)
+    assert 2 * mesh.positions.max(axis=0) == pytest.approx([1, 0.2, 4.4], abs=1e-6)
 
 
 def test_groups_of_an_obj_file_are_bodies_of_their_own(tmp_path):

@@ -531,15 +531,6 @@ def test_a_model_folder_may_hold_a_light_or_a_world(folders, read):
     assert found.models[1].links["link"].mu == 100 and found.models[1].static
 
 
-@pytest.mark.parametrize(("name", "found"), [
-    ("crate", True), ("", False), (".", False), ("..", False), ("crate/meshes", False),
-    ("cra\0te", False), ("none", False)])
-def test_a_model_is_found_by_the_name_of_its_folder(folders, name, found):
-    folder = folders("crate", "")
-    folders("crate", "", root=folders.home)
-    assert find_model(name) == (str(folder) if found else None)
-
-
 def test_packages_export_folders_of_models(folders, read, tmp_path, monkeypatch):
     """They come after the model paths; and a model may lie in a folder there."""
     arm = tmp_path / "src" / "arm"

@@ -80,26 +80,6 @@ def test_files_that_are_no_world(tmp_path):
         world_file.load_world(str(path))
 
 
-def test_a_mesh_that_is_missing_is_left_out_and_named(read, tmp_path, monkeypatch):
-    monkeypatch.setenv("GAZEBO_MODEL_PATH", str(tmp_path))
-    (tmp_path / "crate").mkdir()
-    part = "<geometry><mesh><uri>model://{}</uri></mesh></geometry>"
-    box = "<geometry><box><size>1 2 3</size></box></geometry>"
-    text = ('<model name="m"><link name="l">'
-            f'<visual name="a">{part.format("nowhere/a.dae")}</visual>'
-            f'<visual name="b">{box}</visual>'
-            f'<collision name="c">{part.format("crate/c.stl")}</collision>'
-            f'<collision name="d">{box}</collision></link></model>')
-    found = read(text)
-    link = found.models[0].links["l"]
-    assert [v.name for v in link.visuals] == ["b"]
-    assert [c.name for c in link.collisions] == ["d"]
-    first, second = found.warnings
-    assert "visual 'a'" in first and "nowhere" in first and "ignored" in first
-    assert "collision 'c'" in second and "c.stl" in second
-    assert "outside of" in read(text.replace("nowhere/a.dae", "crate/../../a.dae")).warnings[0]
-
-
 DIRECTIONS = ("origin_xyz", "origin_rpy", "direction")
 STRENGTHS = ("diffuse", "specular", "spot_inner", "spot_outer", "spot_falloff", *(
     f"attenuation_{part}" for part in ("constant", "linear", "quadratic", "range")))

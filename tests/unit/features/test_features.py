@@ -200,17 +200,6 @@ def test_wrong_requests_are_refused(make, text: str) -> None:
         make(Moments.from_polygon(L_SHAPE))
 
 
-def test_result_is_immutable_and_in_the_asked_order() -> None:
-    result = compute(Moments.from_polygon(L_SHAPE), ("yg", "xg"), FRONT)
-    assert result.names == ("yg", "xg")
-    with pytest.raises(ValueError, match="read-only"):
-        result.L[0, 0] = 1.0
-    with pytest.raises(TypeError):
-        result.degenerate["xg"] = "no"
-    with pytest.raises(UnavailableFeatureError, match="was not computed"):
-        result["an"]
-
-
 @pytest.mark.parametrize("points", [np.ones((4, 3)), np.ones(2), []])
 def test_points_have_two_coordinates(points) -> None:
     with pytest.raises(UnavailableFeatureError, match="shape .*, must have the shape \\(n, 2\\)"):

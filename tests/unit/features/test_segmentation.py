@@ -112,13 +112,6 @@ def test_unusable_targets_say_why(boxes, least, text: str) -> None:
     assert text in reason and bool(text) == bool(reason)
 
 
-def test_a_range_of_colours_without_one_threshold_says_minus_one() -> None:
-    grey = scene(BIG)
-    colour = np.repeat(grey[..., None], 3, axis=2)
-    red = SegmentationSettings("colour", colour_low=(170, 0, 0), colour_high=(10, 255, 60))
-    assert segment(grey, red, colour).threshold == -1.0
-
-
 def test_coverage_of_a_soft_edge() -> None:
     grey = scene((20, 20, 20, 15), ground=200, target=20)
     grey[20:35, 40] = 65  # three quarters covered

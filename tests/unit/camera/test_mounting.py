@@ -73,12 +73,11 @@ def test_settings_are_found_by_name_and_the_rest_is_told():
 
 
 @pytest.mark.parametrize(("key", "value", "words"), [
-    ("widht", 3, "width"), ("width", "3", "whole number"), ("depth", 1, "must be true or false"),
-    ("effects", 5, "must be a mapping"), ("format", 8, "text"), ("pose", "here", "m and rad"),
+    ("widht", 3, "width"), ("effects", 5, "must be a mapping"), ("pose", "here", "m and rad"),
     ("pose", {"xyz": 5}, "3 finite numbers"),
     ("pose", {"xyz": [1, 2, 3, 4], "rpy": [5, 6]}, "3 finite"),
     ("pose", {"xyz": [0, 0, float("nan")]}, "must be a finite number"),
-    ("link", "arm", "remove the key"), ("parent", "moon", "world"), ("seed", 1.5, "whole number"),
+    ("link", "arm", "remove the key"), ("parent", "moon", "world"),
 ])
 def test_a_wrong_setting_is_named(key, value, words):
     with pytest.raises(CameraError, match=words) as error:

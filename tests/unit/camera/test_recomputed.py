@@ -9,11 +9,11 @@ from scipy.stats import qmc
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.description import Geometry, Light
-from aras_sim_bridge.rendering import Lighting, create_renderer
+from aras_sim_bridge.rendering import Lighting, View, create_renderer
 from aras_sim_bridge.rendering.shading import pack_colour
 from aras_sim_bridge.rendering.tiles import TILE
 
-PLACES = qmc.Sobol(4, seed=3).random(64)  # in a pixel, and on a light's disc
+PLACES = qmc.Sobol(4, seed=3).random(256)  # in a pixel, and on a light's disc
 SUN_RADIUS, LAMP_RADIUS = 0.03, 0.04  # docs/camera.md
 EYE, AT = [0.5, -0.7, 0.6], [0.05, 0.0, 0.08]
 
@@ -395,3 +395,23 @@ def test_depth_and_body_are_those_of_the_nearest_triangle(bench, tmp_path, lens,
     seen = same & (label >= 0)
     assert (np.abs(depth[seen] - far[seen]) > 1e-6).sum() < few
     assert np.isinf(depth[label < 0]).all()
+
+
+@pytest.mark.parametrize(("angle", "most"), [(0.0, 1.6), (60.0, 2.0), (80.0, 2.0), (87.0, 4.0)])
+def test_a_texture_seen_aslant_is_the_mean_of_what_a_pixel_covers(bench, tmp_path, angle, most):
+    """Squares of 8 texels, seen from several sides; degrees from the normal, RMS in grey levels."""
+    card = mesh(tmp_path, "wall", CARD_OBJ, (512, 512))
+    dark = np.random.default_rng(4).integers(0, 2, (64, 64))
+    squares = np.kron(np.where(dark, 85, 171), np.ones((8, 8))).astype(np.uint8)
+    cv2.imwrite(str(tmp_path / "wall.png"), squares)
+    bench.body(card, colour=None)
+    light, angle = Lighting(ambient=1.0, diffuse=0.0), np.radians(angle)
+    renderer = create_renderer("exact", bench.world, light)
+    camera = CameraConfig.from_mapping({"camera_matrix": (300.0, 310.0, 161.3, 117.2)})
+    some = np.random.default_rng(1).random((240, 320)) < 0.02
+    for roll, up in ((0.0, (0, 1, 0.3)), (3.1, (0.5, 1, 0)), (-1.6, (1, 0.2, 0)), (2.4, (1, 1, 0))):
+        away = np.sin(angle) * np.array([np.cos(roll), np.sin(roll), 0.0]) + [0, 0, np.cos(angle)]
+        view = View(320, 240, looking(0.35 * away, [0.0, 0.0, 0.0], up), camera.K, 0.02)
+        places, shows = expected(Caster(renderer), camera.projection, view, light, some, 256)
+        off = (renderer.render(view)[some] - places.mean(axis=0))[(shows >= 0).all(axis=0)]
+        assert len(off) > 20 and rms(off) <= most and abs(off.mean()) < 0.5

@@ -250,6 +250,9 @@ def test_noise_has_the_asked_statistics_and_a_seed(stddev):
     assert noise.std() == pytest.approx(stddev, rel=1.5e-3)
     assert noise.mean() == pytest.approx(0.0, abs=4 * stddev / np.sqrt(noise.size))
     assert (noise**4).mean() / (noise**2).mean() ** 2 == pytest.approx(3.0, abs=0.08)
+    for level in (0, 255):  # within what a byte holds
+        off = chain.apply(np.full_like(grey, level), 33).astype(int) - level
+        assert np.abs(off).max() < 7 * stddev + 3
     first, second = chain.apply(grey, 33), chain.apply(grey, 66)
     for other in (second, EffectChain(chain.effects, grey.shape, 5).apply(grey, 33)):
         assert abs(np.corrcoef(first.ravel(), other.ravel())[0, 1]) < 0.02

@@ -110,17 +110,3 @@ def test_through_a_slit_one_sees_what_is_behind(bench, wide):
                 depth = 255.0 * (1 - 0.7) if sky else 255.0
                 off = dark - depth * strip_of(view, wide)
                 assert np.nanmax(np.abs(off)) <= 0.55, (sky, angle, place)
-
-
-def test_what_is_hidden_or_of_the_same_colour_costs_no_edge(bench):
-    """A wire under the floor, and one that is as white as the floor."""
-    bench.box([1.5, 1.5, 0.05], [0, 0, -0.05])
-    wire(bench, 0.5, height=-0.001)
-    bench.box([0.1, 0.001, 1e-6], [0, 0, 0.001])
-    renderer = create_renderer("exact", bench.world, BRIGHT)
-    view = view_at((0.0, 0.0), 0.3)
-    assert (renderer.render(view) == 255).all()
-    one = renderer.sample(view, 1.0, -0.5)
-    uniform = one.canvas.shader.compute_uniform_colours(renderer.triangles, one.visible)
-    edges, _ = renderer.resolve(one, view, uniform, pack_colour(*renderer.background))
-    assert not edges.any()

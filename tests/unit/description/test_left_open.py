@@ -70,20 +70,6 @@ def test_a_light_s_colour_is_not_negative(tag):
     assert getattr(dark, tag) == (0.0, 0.0, 0.0, 0.0)
 
 
-@pytest.mark.parametrize(("text", "size", "normal"), [
-    ("<plane/>", (1, 1, 0), (0, 0, 1)),
-    ("<plane><size>2 3</size></plane>", (2, 3, 0), (0, 0, 1)),
-    ("<plane><normal>2 3 6</normal></plane>", (1, 1, 0), (2 / 7, 3 / 7, 6 / 7)),
-])
-def test_a_plane_of_sdf_is_a_square_metre_unless_it_is_told(text, size, normal):
-    part = f"<{{0}} name='p'><geometry>{text}</geometry></{{0}}>"
-    link = parse_sdf("<sdf><model name='m'><link name='a'>" + part.format("visual")
-                     + part.format("collision") + "</link></model></sdf>").links["a"]
-    for (shown,) in (link.visuals, link.collisions):
-        assert shown.geometry.size == size
-        assert shown.geometry.normal == pytest.approx(normal)
-
-
 def stream(**changes):
     names = list(CameraPlugin.__dataclass_fields__)
     return tuple(changes.get(name, value) for name, value in zip(names, STREAM, strict=True))

@@ -84,7 +84,6 @@ DAMAGED = [
                                     "of 4"),
     ("flat.stl", binary_stl(((0, 0, 0), (1, 0, 0), (2, 0, 0), (3, 0, 0))), "with an area"),
     ("far.stl", binary_stl((*CORNERS[:3], (1e30, 0, 0))), "a corner is 1e+30, above 1e+09"),
-    ("huge.obj", obj("v 1e200 0 0", "f 1 2 5"), "a position is 1e+200, above 1e+09"),
     ("huge.dae", dae("<translate>0 0 0", "<translate>0 0 1e300"), "<translate> is 1e+300"),
     ("short.dae", dae("<translate>0 0 0", "<translate>0 0"), "<translate>: needs 3 numbers"),
     ("node.dae", dae("<translate>0 0 0</translate>", "<scale>1e8 1 1</scale>" * 2),
@@ -95,18 +94,17 @@ DAMAGED = [
     ("empty.obj", b"", "the file has no faces"),
     ("far.obj", obj("f 1 2 99999999"), "line 9: a face refers to element 99999999, but there are "
                                        "4"),
-    ("zero.obj", obj("f 0 1 2"), "refers to element 0, but there are 4"),
     ("before.obj", b"f 1 2 3\n" + obj(), "line 1: a face refers to element 1, but there are 0"),
     ("normal.obj", obj("f 1//7 2//7 3//7"), "refers to element 7, but there are 0"),
-    ("word.obj", obj("f one two three"), "line 9: it contains an invalid number"),
-    ("pair.obj", b"v 0 0 0\nv 1 0 0\nf 1 2\n", "the file has no faces"),
-    ("a.dae", b"<a/>", "the root element is not <COLLADA>"),
+    ("word.obj", obj("f SECRET 2 3"), "line 9: it contains an invalid number"),
+    ("place.obj", b"v SECRET 1 1\n", "line 1: it contains an invalid number"),
+    ("word.stl", b"solid SECRET\nvertex SECRET 1 1\n", "do not form"),
+    ("word.dae", b"root:SECRET:0", "COLLADA: "),
+    ("a.dae", b"<SECRET/>", "the root element is not <COLLADA>"),
     ("empty.dae", b"", "COLLADA: the description is empty"),
-    ("cut.dae", dae()[:400], "COLLADA: line"),
     ("utf16.dae", dae().decode().encode("utf-16"), "the file is not UTF-8 text"),
     ("entity.dae", b'<!DOCTYPE a [<!ENTITY b "c">]><COLLADA/>', "document type"),
     ("bare.dae", b"<COLLADA/>", "the scene contains no triangles"),
-    ("none.dae", dae('<instance_geometry url="#g"/>'), "the scene contains no triangles"),
     ("meter.dae", dae('meter="1"', 'meter="-1"'), "<unit>: meter -1 must be positive"),
     ("65.dae", dae('offset="0"', 'offset="65"'), "an invalid offset"),
     ("array.dae", dae("float_array", "floats"), "No array found in source s"),
@@ -119,15 +117,10 @@ DAMAGED = [
      "<polylist> with the count 4: <p> has 12 indices"),
     ("two.dae", polygons(dae(), b"2 4 3 3"), "each polygon needs at least three corners"),
     ("polygons.dae", polygon_list(b"0 2 1", b"0 1 3", b"0 3"), "has a polygon with fewer"),
-    ("meaning.dae", polygons(dae("POSITION", "PLACE"), b"3 3 3 3"), "Bad vertices definition"),
     ("url.dae", dae(' url="#g"'), "<instance_geometry>: url '' does not start with #"),
-    ("web.dae", dae('url="#g"', 'url="http://a.org/b.dae#g"'), "does not start with #"),
     ("away.dae", dae('url="#g"', 'url="#h"'), "contains a geometry that does not exist: '#h'"),
-    ("scene.dae", dae('instance_visual_scene url="#scene"', "instance_visual_scene"), "url ''"),
     ("count.dae", dae('count="12"', 'count="2000000000"'), "count 2000000000, but 12 numbers"),
-    ("more.dae", dae('triangles count="4"', 'triangles count="3"'), "<p> has 12 indices"),
     ("nan.dae", dae(">0 0 0 0.1", ">nan 0 0 0.1"), "not finite"),
-    ("move.dae", dae("<translate>0 0 0", "<translate>0 0 inf"), "<translate> is not finite"),
     # Thirty nodes that each show the one before twice: a thousand million.
     ("twice.dae", dae("</library_geometries>", "</library_geometries><library_nodes>" + "".join(
         f'<node id="n{k}">' + (f'<instance_node url="#n{k - 1}"/>' * 2 if k else "") + "</node>"
@@ -166,7 +159,7 @@ def test_a_damaged_mesh_is_refused_in_one_line(tmp_path, name, content, said):
     text = str(refused.value)
     assert text.startswith(f"mesh file {path} ") and said in text
     assert text.endswith(("export it again", "simplify it")) or "convert it" in text
-    assert len(text) < 500
+    assert len(text) < 500 and "SECRET" not in text  # nothing of what another file holds
 
 
 @pytest.mark.parametrize("kind", ["visual", "collision"])
@@ -263,19 +256,6 @@ def test_pipes_devices_and_folders_are_refused_and_do_not_hang(tmp_path):
         with pytest.raises(DescriptionError, match=reason) as refused:
             read(str(tmp_path / name))
         assert refused.value.path == str(tmp_path / name) and name in str(refused.value)
-
-
-@pytest.mark.parametrize("name, text", [
-    ("a.stl", "root:SECRET:0"), ("a.stl", "solid SECRET\nvertex SECRET 1 1\n"),
-    ("a.obj", "root:SECRET:0"), ("a.obj", "v SECRET 1 1\n"), ("a.obj", "f SECRET 2 3\n"),
-    ("a.dae", "root:SECRET:0"), ("a.dae", "<SECRET/>"), ("a.xyz", "SECRET"),
-])  # fmt: skip
-def test_what_is_no_mesh_is_refused_without_a_word_of_what_it_holds(tmp_path, name, text):
-    path = tmp_path / name
-    path.write_text(text)
-    with pytest.raises(DescriptionError) as refused:
-        read(str(path))
-    assert str(path) in str(refused.value) and "SECRET" not in str(refused.value)
 
 
 def test_what_is_too_much_is_refused_before_it_is_read(tmp_path):

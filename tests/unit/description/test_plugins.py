@@ -239,12 +239,14 @@ def test_in_which_frame_and_of_whom_a_wrench_is(frame, direction):
     assert made.sensors[0].on_child is (direction == "parent_to_child")
 
 
-@pytest.mark.parametrize(("name", "known"), [
-    ("c", True), ("a_fixed_joint_lump__c", True), ("b_fixed_joint_lump__c_1", False),
-    ("xc", False)])
-def test_a_bumper_s_collisions_exist(name, known):
+@pytest.mark.parametrize(("named", "name", "known"), [
+    ("> c\n<", "c", True), (" name='d'>c<", "c", True), (" name='c'><", "c", True),
+    (">a_fixed_joint_lump__c<", "a_fixed_joint_lump__c", True),
+    (">b_fixed_joint_lump__c_1<", "b_fixed_joint_lump__c_1", False), (">xc<", "xc", False),
+    ("><", "", False)])
+def test_a_bumper_s_collisions_exist(named, name, known):
     """By their own name, or by Gazebo's of what is lumped together."""
-    both = f"<contact><collision>c</collision><collision>{name}</collision></contact>"
+    both = f"<contact><collision>c</collision><collision{named}/collision></contact>"
     made = measured("bumper", "", "contact", both)
     if known:
         assert made.sensors[0].collisions == ("c", name) and not made.warnings
@@ -279,15 +281,6 @@ def test_an_eye_is_named_after_its_side_or_itself(names, sides):
                  "</gazebo>").cameras
     assert [(eye.plugin, eye.shutter, eye.kind) for eye in bare] == [
         (None, "eye", "multicamera")] * 2
-
-
-@pytest.mark.parametrize("named", ["<collision>c</collision>", "<collision> c\n</collision>",
-                                   "<collision name='c'/>", "<collision name='d'>c</collision>"])
-def test_a_bumper_s_collision_is_a_text_or_a_name(named):
-    made = measured("bumper", "", "contact", f"<contact>{named}</contact>")
-    assert made.sensors[0].collisions == ("c",) and not made.warnings
-    unnamed = measured("bumper", "", "contact", "<contact><collision/></contact>")
-    assert unnamed.sensors and "collision '' does not exist" in unnamed.warnings[0]
 
 
 @pytest.mark.parametrize("name", [one for one in PLUGINS if one != "gazebo_ros_link_attacher"])

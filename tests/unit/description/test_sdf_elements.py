@@ -35,9 +35,7 @@ PLACES = {
     "<wind>{}</wind>": ("world wind", "", ""),
     "<physics type='ode'>{}</physics>": (
         "world physics",
-        "<max_step_size>0.002</max_step_size> <real_time_update_rate>5</real_time_update_rate>"
-        " <gravity>0 0 -3</gravity>",
-        "<real_time_factor>2</real_time_factor> <bullet/> <simbody/> <dart/>"),
+        "", "<real_time_factor>2</real_time_factor> <bullet/> <simbody/> <dart/>"),
     ODE_PHYSICS.format("<solver>{}</solver>"): ("world physics ode solver", "", ""),
     ODE_PHYSICS.format("<constraints>{}</constraints>"): ("world physics ode constraints", "", ""),
     "<scene>{}</scene>": (
@@ -47,14 +45,7 @@ PLACES = {
     "<scene><sky>{}</sky></scene>": ("world scene sky", "", ""),
     "<scene><sky><clouds>{}</clouds></sky></scene>": ("world scene sky clouds", "", ""),
     "<light name='k' type='spot'>{}</light>": (
-        "light",
-        "<cast_shadows>1</cast_shadows> <diffuse>1 0 0 1</diffuse> <specular>1 0 0 1</specular>"
-        " <direction>1 0 0</direction> <pose>1 0 0 0 0 0</pose>"
-        " <attenuation><range>3</range></attenuation> <attenuation><linear>3</linear>"
-        "</attenuation> <attenuation><constant>3</constant></attenuation>"
-        " <attenuation><quadratic>3</quadratic></attenuation>"
-        " <spot><inner_angle>0.1</inner_angle></spot> <spot><outer_angle>2</outer_angle></spot>"
-        " <spot><falloff>3</falloff></spot>", ""),
+        "light", "", ""),
     "<model name='m'><link name='l'/>{}</model>": (
         "model",
         "<static>1</static> <pose>1 0 0 0 0 0</pose> <frame name='k' attached_to='x'/>"
@@ -68,14 +59,11 @@ PLACES = {
         "<must_be_base_link>1</must_be_base_link>"),
     LINK.format("<velocity_decay>{}</velocity_decay>"): ("model link velocity_decay", "", ""),
     LINK.format("<inertial>{}</inertial>"): (
-        "model link inertial",
-        "<mass>3</mass> <pose>1 0 0 0 0 0</pose> <inertia><ixx>3</ixx><iyy>3</iyy></inertia>", ""),
+        "model link inertial", "", ""),
     LINK.format(VISUAL): (
         "model link visual", "<pose>1 0 0 0 0 0</pose> <plugin name='k' filename='libk.so'/>", ""),
     LINK.format(VISUAL.format("<material>{}</material>")): (
-        "model link visual material",
-        "<script><name>Gazebo/Red</name></script> <ambient>1 0 0 1</ambient>"
-        " <diffuse>1 0 0 1</diffuse>", ""),
+        "model link visual material", "", ""),
     LINK.format(COLLISION): (
         "model link collision", "<pose>1 0 0 0 0 0</pose>", "<max_contacts>3</max_contacts>"),
     LINK.format("<collision name='c'>{}</collision>"): (
@@ -105,10 +93,7 @@ PLACES = {
             " <sensor name='k' type='ray'/>", ""),
     JOINT.format("<axis>{}</axis>"): (
         "model joint axis",
-        "<xyz>1 0 0</xyz> <limit><lower>-1</lower></limit> <limit><upper>1</upper></limit>"
-        " <limit><effort>1</effort></limit> <limit><velocity>1</velocity></limit>"
-        " <dynamics><damping>1</damping></dynamics> <dynamics><friction>1</friction></dynamics>"
-        " <dynamics><spring_reference>1</spring_reference></dynamics>"
+        "<dynamics><spring_reference>1</spring_reference></dynamics>"
         " <dynamics><spring_stiffness>1</spring_stiffness></dynamics>", ""),
     JOINT.format("<axis><limit>{}</limit></axis>"): ("model joint axis limit", "", ""),
     JOINT.format("<physics>{}</physics>"): (
@@ -127,23 +112,14 @@ PLACES = {
         "<always_on>1</always_on> <visualize>1</visualize>"),
     CAMERA.format(type="camera").format("<camera name='c'>{}</camera>"): (
         "model link sensor camera camera",
-        "<pose>1 0 0 0 0 0</pose> <horizontal_fov>1</horizontal_fov> <image><width>30</width>"
-        "</image> <image><height>30</height></image> <image><format>L8</format></image>"
-        " <image><anti_aliasing>1</anti_aliasing></image> <clip><near>0.3</near></clip>"
-        " <clip><far>9</far></clip> <distortion><k1>0.1</k1></distortion> <distortion><k2>0.1</k2>"
-        "</distortion> <distortion><k3>0.1</k3></distortion> <distortion><p1>0.1</p1></distortion>"
-        " <distortion><p2>0.1</p2></distortion> <distortion><center>0.1 0.1</center></distortion>"
-        " <noise><type>gaussian</type><stddev>0.1</stddev></noise>", ""),
+        "<image><anti_aliasing>1</anti_aliasing></image>", ""),
     CAMERA.format(type="camera").format(LENS): (
         "model link sensor camera camera lens",
-        "<type>equidistant</type> <intrinsics><fx>30</fx></intrinsics> <intrinsics><fy>30</fy>"
-        "</intrinsics> <intrinsics><cx>30</cx></intrinsics> <intrinsics><cy>30</cy></intrinsics>"
-        " <intrinsics><s>3</s></intrinsics>",
+        "<type>equidistant</type> <intrinsics><s>3</s></intrinsics>",
         "<env_texture_size>64</env_texture_size>"),
     CAMERA.format(type="wideanglecamera").format(LENS): (
         "model link sensor camera camera lens",
-        "<type>equidistant</type> <scale_to_hfov>0</scale_to_hfov> <cutoff_angle>1</cutoff_angle>"
-        " <intrinsics><fx>30</fx></intrinsics>", "<env_texture_size>64</env_texture_size>"),
+        "<intrinsics><fx>30</fx></intrinsics>", "<env_texture_size>64</env_texture_size>"),
 }
 
 

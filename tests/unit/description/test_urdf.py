@@ -276,6 +276,7 @@ def test_each_size_of_a_shape_is_a_positive_number(kind, key):
     for read in both(kind, {name: settings[name] for name in settings if name != key}):
         if kind == "plane":
             assert read().normal == pytest.approx((2 / 7, 3 / 7, 6 / 7))
+            assert read().size[:2] == ((0.0, 0.0) if read.__name__ == "urdf" else (1.0, 1.0))
         else:
             with pytest.raises(DescriptionError, match=f"{kind} {key} is missing"):
                 read()

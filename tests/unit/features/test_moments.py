@@ -95,18 +95,6 @@ def test_coverage_image_gives_the_polygon(seed: int) -> None:
     assert abs(moments.mu(2, 0) - exact.mu(2, 0)) < 0.2 * pixel
 
 
-def test_arrays_round_trip() -> None:
-    assert exponents(3)[:7] == ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0))
-    moments = Moments.from_polygon(L_SHAPE + 0.05, order=4)
-    assert (moments.m_array[4], moments.mu_array[8]) == (moments.m(1, 1), moments.mu(1, 2))
-    again = Moments.from_arrays(moments.m_array, moments.mu_array, 4)
-    np.testing.assert_array_equal(again.m_array, moments.m_array)
-    np.testing.assert_array_equal(again.mu_array, moments.mu_array)
-    assert again.xg == pytest.approx(moments.xg, rel=1e-15)
-    beyond = np.add.outer(np.arange(5), np.arange(5)) > 4
-    assert not again.raw[beyond].any() and not again.centred[beyond].any()
-
-
 @pytest.mark.parametrize(("make", "text"), [
     (lambda: Moments.from_polygon([[0, 0], [1, 1]]), "at least three"),
     (lambda: Moments.from_points([[0, 0]]), "at least three"),

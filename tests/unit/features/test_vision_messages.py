@@ -16,7 +16,6 @@ from aras_visual_servo_camera.detection_pipeline import (  # noqa: E402
 from aras_visual_servo_camera.errors import VisionError  # noqa: E402
 from aras_visual_servo_camera.images import Image  # noqa: E402
 from aras_visual_servo_camera.messages import (  # noqa: E402
-    make_array_message,
     make_image_message,
     make_moments_message,
     read_outline_message,
@@ -60,13 +59,6 @@ def test_without_camera_there_are_neither_moments_nor_intrinsics() -> None:
     assert not any(message.K)
     message = make_moments_message(measured(column=0), HEADER, "fixed")
     assert message.touches_border is True and "left border" in message.reason
-
-
-def test_numbers_of_the_original() -> None:
-    message = make_array_message([1.0, 2.5, -3.0])
-    (dimension,) = message.layout.dim
-    assert message.data == [1.0, 2.5, -3.0]
-    assert (dimension.label, dimension.size, dimension.stride) == ("features", 3, 3)
 
 
 @pytest.mark.parametrize(("encoding", "channels"), [("mono8", 1), ("rgb8", 3)])

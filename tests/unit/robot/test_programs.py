@@ -101,35 +101,22 @@ def test_a_shape_that_does_not_ship_is_made(target, describe, tmp_path, monkeypa
         assert measure(describe("my_shapes:Cross", size, tmp_path)) == pytest.approx(lengths)
 
 
-def test_a_picture_lies_upright_on_a_plane_of_its_size(target, describe, tmp_path):
-    path = tmp_path / "photo.png"
-    picture = np.arange(36, dtype=np.uint8).reshape(3, 4, 3)
+def test_a_picture_lies_upright_on_a_plane_of_its_size(describe, tmp_path):
+    path, picture = tmp_path / "photo.png", np.arange(36, dtype=np.uint8).reshape(3, 4, 3)
     cv2.imwrite(str(path), picture)
-    robot = ElementTree.fromstring(describe(str(path), (0.2, 0.15), tmp_path))
+    urdf = describe(str(path), (0.2, 0.15), tmp_path)
+    robot = ElementTree.fromstring(urdf)
     assert robot.get("name") == "target" and robot.find("gazebo/static").text == "true"
-    mesh = Path(robot.find("link/visual/geometry/mesh").get("filename").removeprefix("file://"))
-    lines = [line.split() for line in mesh.read_text().splitlines()]
-    v = np.array([words[1:] for words in lines if words[0] == "v"], float)
-    vt = np.array([words[1:] for words in lines if words[0] == "vt"], float)
-    material = mesh.with_suffix(".mtl").read_text().split()
-    assert ["mtllib", "target.mtl"] in lines and f"usemtl {material[1]}".split() in lines
-    assert material[2:] == ["Kd", "1", "1", "1", "map_Kd", "target.png"]
-    assert (cv2.imread(str(mesh.with_suffix(".png"))) == picture).all()
-    faces = [[tuple(map(int, corner.split("/"))) for corner in words[1:]]
-             for words in lines if words[0] == "f"]  # fmt: skip
-    area = np.zeros(3)
-    for face in faces:
-        a, b, c = (v[i - 1] for i, _ in face)
-        area += 0.5 * np.cross(b - a, c - a)
-        for i, j in face:  # x is to the right in the picture and y up
-            assert vt[j - 1] == pytest.approx([0.5 + v[i - 1, 0] / 0.2, 0.5 + v[i - 1, 1] / 0.15])
-    assert area == pytest.approx([0.0, 0.0, 0.2 * 0.15])
-    again = ElementTree.fromstring(describe(str(path), (0.2, 0.15), tmp_path))
-    assert ElementTree.tostring(again) == ElementTree.tostring(robot)
-    small = ElementTree.fromstring(describe(str(path), None, tmp_path / "new" / "folder"))
-    plane = Path(small.find("link/visual/geometry/mesh").get("filename").removeprefix("file://"))
-    assert "v 0.05 0.05 0" in plane.read_text().splitlines()
-    assert small.find("link/visual/geometry/mesh").get("filename") != f"file://{mesh}"
+    file = robot.find("link/visual/geometry/mesh").get("filename").removeprefix("file://")
+    (mesh,) = files.read(file)
+    assert (cv2.imread(mesh.texture) == picture).all() and mesh.rgba[:3] == (1.0, 1.0, 1.0)
+    # x is to the right in the picture and y up
+    np.testing.assert_allclose(mesh.uv, 0.5 + mesh.positions[:, :2] / (0.2, 0.15), atol=1e-6)
+    np.testing.assert_array_equal(mesh.normals, [[0.0, 0.0, 1.0]] * len(mesh.normals))
+    assert measure(urdf) == pytest.approx([0.2, 0.15, 0.0])
+    assert describe(str(path), (0.2, 0.15), tmp_path) == urdf
+    small = describe(str(path), None, tmp_path / "new" / "folder")
+    assert measure(small) == pytest.approx([0.1, 0.1, 0.0]) and file not in small
 
 
 @pytest.mark.parametrize(("name", "size", "words"), [

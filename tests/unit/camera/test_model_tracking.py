@@ -50,6 +50,15 @@ def test_a_pose_is_found_from_nearby_to_a_fraction_of_a_millimetre(folder, name,
         assert np.degrees(turned) < BOUNDS[condition][1], i
 
 
+def test_a_solid_is_followed_and_its_motion_goes_on(folder):
+    sequence = Sequence("bracket", "cluttered", folder)
+    tracking = SolidTracking(solid_of("bracket"))
+    tracking.start(sequence.pose(0))
+    for i in range(0, 24, 2):  # twice as fast
+        found = tracking.track(sequence.picture(i), CAMERA)
+        assert error_of("bracket", found.camera_T_solid, sequence.pose(i))[0] < 1e-4
+
+
 def test_through_a_lens_points_normals_and_gains_are_those_of_the_bent_edges():
     solid = solid_of("bracket")
     pose = matrix_from_xyz_rpy((0.05, -0.03, 0.3), (np.pi - 0.6, 0.4, 0.5))
@@ -229,6 +238,20 @@ def test_a_depth_image_alone_tells_the_pose_of_three_faces(folder):
     assert count > 100
     assert away < 5e-5
     assert turned < 1e-3
+
+
+def test_a_depth_image_holds_what_noise_lets_go(folder):
+    sequence, name = Sequence("cylinder", "noisy", folder), "cylinder"
+    errors = []
+    for deep in (False, True):
+        tracking, sums = SolidTracking(solid_of(name)), []
+        for i in range(30, 230, 40):
+            tracking.start(sequence.pose(i))
+            depth = sequence.depth(i) if deep else None
+            found = tracking.track(sequence.picture(i), CAMERA, None, depth)
+            sums.append(error_of(name, found.camera_T_solid, sequence.pose(i))[0])
+        errors.append(np.sqrt(np.mean(np.square(sums))))
+    assert errors[1] < 0.7 * errors[0]
 
 
 def test_clicks_and_a_marker_start_it(folder):

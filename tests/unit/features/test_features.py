@@ -171,16 +171,12 @@ def test_points_that_coincide_or_stand_in_line() -> None:
     assert {"an", "alpha", "Px", "Py", "C1"} <= set(result.degenerate)
     with pytest.raises(UnavailableFeatureError, match="coincide"):
         compute(point, names, reference=REFERENCE)
+    # Without a plane the depth comes from the area.
+    far = compute(Moments.from_polygon(L_SHAPE / 0.8), names, reference=REFERENCE)
+    assert far.plane == pytest.approx((0.0, 0.0, 1 / 0.8)) and far["an"] == pytest.approx(0.8)
     line = compute(Moments.from_points([[0, 0], [1, 1], [3, 3]]), names, FRONT, REFERENCE)
     assert np.isfinite(line.values).all() and np.isfinite(line.L).all()
     assert line["alpha"] == pytest.approx(pi / 4)
-
-
-def test_without_a_plane_the_depth_comes_from_the_area() -> None:
-    moments = Moments.from_polygon(L_SHAPE / 0.8)
-    result = compute(moments, PAPER_FEATURES, reference=REFERENCE)
-    assert result.plane == pytest.approx((0.0, 0.0, 1 / 0.8))
-    assert result["an"] == pytest.approx(0.8)
 
 
 @pytest.mark.parametrize(("make", "text"), [
@@ -189,6 +185,8 @@ def test_without_a_plane_the_depth_comes_from_the_area() -> None:
     (lambda shape: compute(shape, ("exp(C1)",), FRONT), "no rule to differentiate"),
     (lambda shape: compute(shape, ("xn",), FRONT), "needs a reference"),
     (lambda shape: compute(shape, ("alpha",)), "give a plane, or a reference"),
+    *((lambda _, points=points: point_interaction(points, 1.0), r"shape .*, must have .* \(n, 2\)")
+      for points in (np.ones((4, 3)), np.ones(2), [])),
     (lambda shape: Reference(0.0, 1.0), "positive area and depth"),
     (lambda shape: compute_raw_interaction(shape, FRONT, 6), "need moments up to order 7"),
     (lambda shape: Plane.fronto_parallel(0.0), "must be positive, got 0 m"),
@@ -198,12 +196,6 @@ def test_without_a_plane_the_depth_comes_from_the_area() -> None:
 def test_wrong_requests_are_refused(make, text: str) -> None:
     with pytest.raises(UnavailableFeatureError, match=text):
         make(Moments.from_polygon(L_SHAPE))
-
-
-@pytest.mark.parametrize("points", [np.ones((4, 3)), np.ones(2), []])
-def test_points_have_two_coordinates(points) -> None:
-    with pytest.raises(UnavailableFeatureError, match="shape .*, must have the shape \\(n, 2\\)"):
-        point_interaction(points, 1.0)
 
 
 # -- rectified view of a tilted target, compared with a camera that faces it --------------------

@@ -7,7 +7,7 @@ import pytest
 
 from aras_visual_servo_bench.studies.study import Study
 
-sys.path.insert(0, str(Path(__file__).parent))
+sys.path.append(str(Path(__file__).parent))
 
 TINY = {
     "experiment": {"plant": "free", "duration": 0.1, "lag": 0.0},

@@ -117,10 +117,11 @@ def test_points_in_the_picture_leave_trajectories_and_the_desired_outline_lies_o
 
 def test_words_say_scheme_phase_reason_error_and_pace(story):
     story.factor = 0.987
-    limited = replace(SERVOING, outcome="joint_limit", reason="J2 stopped at its limit")
+    limited = replace(SERVOING, outcome="joint_limit", reason="stop " * 40)
     story.add_state(limited, STRAIGHT)
     text = "\n".join(story.make_text_lines())
-    for part in ("moments - servoing\njoint limit\n", "J2 stopped", "xn +0.0100", "yn -0.0200",
+    wrapped = 3 * f"{' '.join(['stop'] * 9)}\n"
+    for part in (f"moments - servoing\njoint limit\n{wrapped}xn +0.0100", "yn -0.0200",
                  "real-time factor 0.99"):
         assert part in text
 

@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 import yaml
 from scenes import Bench, link_pose, looking, to_camera
-from wall import SIDE, TEXELS, aslant, blocks, errors, wall
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.description import parse_urdf
@@ -22,6 +21,7 @@ from aras_sim_bridge.world import Pose, Twist
 from .check import Row, check
 from .robots import SOURCES
 from .sensor import WALL, black_plate, weightless
+from .wall import SIDE, TEXELS, aslant, blocks, errors, wall
 
 _PRESETS = SOURCES / "aras_visual_servo_gazebo" / "config" / "cameras"
 _SIZE = {"width": 480, "height": 360}

@@ -148,8 +148,6 @@ def test_a_robot_is_static_and_flags_that_cannot_be_are_named():
     text = "<gazebo reference='a'>{}</gazebo>"
     assert robot("<gazebo><static>true</static></gazebo>").static
     assert not robot("<gazebo/>").static
-    with pytest.raises(DescriptionError, match="mu1 is -1.0; it must not be negative"):
-        robot(text.format("<mu1>-1</mu1>"))
     with pytest.raises(DescriptionError, match="kinematic: 'maybe' is neither true nor false"):
         robot(text.format("<kinematic>maybe</kinematic>"))
 

@@ -95,7 +95,7 @@ DAMAGED = [
     ("far.obj", obj("f 1 2 99999999"), "line 9: a face refers to element 99999999, but there are "
                                        "4"),
     ("before.obj", b"f 1 2 3\n" + obj(), "line 1: a face refers to element 1, but there are 0"),
-    ("normal.obj", obj("f 1//7 2//7 3//7"), "refers to element 7, but there are 0"),
+    ("normal.obj", obj("vn 0 0 1", "f 1//7 2//7 3//7"), "refers to element 7, but there are 1"),
     ("word.obj", obj("f SECRET 2 3"), "line 9: it contains an invalid number"),
     ("place.obj", b"v SECRET 1 1\n", "line 1: it contains an invalid number"),
     ("word.stl", b"solid SECRET\nvertex SECRET 1 1\n", "do not form"),

@@ -13,7 +13,7 @@ from aras_sim_bridge.description import (
     supported_elements,
 )
 from aras_sim_bridge.description.camera_types import CameraDescription
-from aras_sim_bridge.description.geometry_tags import Resolve, read_bounce
+from aras_sim_bridge.description.geometry_tags import Resolve, parse_friction, read_bounce
 from aras_sim_bridge.description.kinematic_tree import JointInModel, find_links_between
 from aras_sim_bridge.description.sdf_dialects import unify
 from aras_sim_bridge.description.types import (
@@ -218,9 +218,7 @@ def _read_link_flags(block: Element, name: str, tags: GazeboTags, warnings: list
     if parse_bool(_read_setting(block, "turnGravityOff"), f"{where}: turnGravityOff", False):
         gravity = False
     mu = _read_setting(block, "mu1")
-    friction = link.mu if mu is None else parse_number(mu, f"{where}: mu1")
-    if friction is not None and friction < 0.0:
-        raise DescriptionError(f"{where}: mu1 is {friction}; it must not be negative")
+    friction = link.mu if mu is None else parse_friction(mu, f"{where}: mu1")
     tags.links[name] = replace(
         link,
         gravity=gravity,

@@ -3,9 +3,11 @@
 from collections.abc import Callable
 from xml.etree.ElementTree import Element
 
+from aras_sim_bridge.description.shape_meshes import read_mesh
 from aras_sim_bridge.description.types import Geometry
 from aras_sim_bridge.errors import DescriptionError, UnsupportedPartError
 from aras_visual_servo_base.safe_xml import (
+    ElementReader,
     find_text,
     parse_direction,
     parse_number,
@@ -18,6 +20,7 @@ SHAPES = ("box", "cylinder", "sphere", "capsule", "plane", "mesh")
 # of the file.
 Resolve = Callable[[str, str], str]
 _SMALLEST_SIZE = 1e-4  # size used for a shape whose size is zero, m; as in Gazebo
+_NO_SLIP = 1e6  # friction coefficient with which nothing slips
 
 
 def read_geometry(
@@ -26,7 +29,7 @@ def read_geometry(
     """Read the shape of a visual or collision.
 
     URDF contains the size of a shape in attributes, SDF in child elements. A size of zero becomes
-    0.1 mm, as in Gazebo. SDF's submeshes are not supported.
+    0.1 mm, as in Gazebo.
 
     Returns:
         The shape. If it is empty, None. If it is not supported, None; `warnings` then gets a
@@ -41,14 +44,20 @@ def read_geometry(
     try:
         if shape is None:
             raise UnsupportedPartError(f"{where}: <geometry> with a shape is missing; add it")
-        if is_sdf and shape.find("submesh") is not None:
-            raise UnsupportedPartError(
-                f"{where}: <submesh> is not supported; save the submesh in a separate file"
-            )
         return _read_shape(shape, where, resolve, warnings, is_sdf)
     except UnsupportedPartError as error:
         warnings.append(f"{error}; the {element.tag} is ignored")
         return None
+
+
+def parse_friction(text: str, where: str) -> float:
+    """Parse a friction coefficient; as in Gazebo, a negative one means that nothing slips.
+
+    Raises:
+        DescriptionError: the text is not a finite number.
+    """
+    coefficient = parse_number(text, where)
+    return coefficient if coefficient >= 0.0 else _NO_SLIP
 
 
 def read_bounce(collision: Element, where: str) -> tuple[float, float] | None:
@@ -120,6 +129,21 @@ def _read_shape(
             raise UnsupportedPartError(
                 f"{where}: mesh scale {scale} contains a zero; use numbers other than 0"
             )
-        return Geometry(kind, filename=resolve(uri, where), scale=scale)
+        submesh = ElementReader(shape.find("submesh") if is_sdf else None, f"{where}: submesh ")
+        mesh = Geometry(
+            kind, filename=resolve(uri, where), scale=scale,
+            submesh=submesh.read_text("name") or "", is_centred=submesh.read_bool("center", False),
+        )  # fmt: skip
+        return _check_submesh(mesh, where)
     raise UnsupportedPartError(
         f"{where}: shape <{shorten(kind)}> is not supported; use {', '.join(SHAPES)}")
+
+
+def _check_submesh(mesh: Geometry, where: str) -> Geometry:
+    """Return the shape; raise an UnsupportedPartError if its file does not contain its submesh."""
+    if mesh.submesh:
+        try:
+            read_mesh(mesh)
+        except DescriptionError as error:
+            raise UnsupportedPartError(f"{where}: {error}") from None
+    return mesh

@@ -139,7 +139,9 @@ def read_sdf(
             used_names.add((element.tag, element.get("name")))
         except DescriptionError as error:
             if not worlds:
-                raise
+                # the error may be due to an included model that was not found
+                missing = [text for text in warnings if text.startswith("<include>")]
+                raise DescriptionError("; ".join([str(error), *missing])) from None
             name = shorten(element.get("name") or "")
             warnings.append(f"{element.tag} '{name}' is ignored: {error}")
     models, lights = state.place(models, lights, warnings)

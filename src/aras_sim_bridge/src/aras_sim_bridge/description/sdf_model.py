@@ -18,7 +18,12 @@ from aras_sim_bridge.description import (
     supported_elements,
 )
 from aras_sim_bridge.description.angle_unit_check import describe_limits_in_degrees
-from aras_sim_bridge.description.geometry_tags import Resolve, read_bounce, read_geometry
+from aras_sim_bridge.description.geometry_tags import (
+    Resolve,
+    parse_friction,
+    read_bounce,
+    read_geometry,
+)
 from aras_sim_bridge.description.inertia import make_inertial
 from aras_sim_bridge.description.kinematic_tree import (
     WORLD,
@@ -45,7 +50,6 @@ from aras_visual_servo_base.safe_xml import (
     ElementReader,
     find_text,
     parse_bool,
-    parse_number,
     shorten,
 )
 from aras_visual_servo_base.urdf import Joint
@@ -106,6 +110,17 @@ def read_model(element: Element, resolve: Resolve, locate: Locate, frames: Mappi
         links = {WORLD: Link(WORLD, None), **links}
         poses[WORLD] = Pose()
     trees = assemble(links, poses, joints, static, where)
+    cut = between.keys() & {end for tree in trees for loop in tree.loops
+                            for end in (loop.joint.parent, loop.joint.child)}
+    if cut and not static:
+        # Bullet cannot close a chain by a joint of several axes.
+        for one in (one for one in joints if one.massless_link in cut):
+            warnings.append(
+                f"{where}: joint '{one.joint.name}' is ignored, because it closes a chain; close "
+                "the chain by a revolute, prismatic or fixed joint")
+        joints = [one for one in joints if not cut & {one.massless_link, one.joint.parent}]
+        links = {name: link for name, link in links.items() if name not in cut}
+        trees = assemble(links, poses, joints, static, where)
     main = trees[0]
     main.links[main.root] = _shift_link(main.links[main.root], poses[main.root])
     for found in (sensors.cameras, sensors.sensors):
@@ -245,9 +260,7 @@ def read_link(
                 collisions.append(Collision(part.get("name"), at.xyz, at.rpy, shape))
                 friction = part.find("surface/friction/ode")
                 if find_text(friction, "mu") is not None:
-                    mu = parse_number(find_text(friction, "mu"), f"{inside}: mu")
-                    if mu < 0.0:
-                        raise DescriptionError(f"{inside}: mu is {mu}; it must not be negative")
+                    mu = parse_friction(find_text(friction, "mu"), f"{inside}: mu")
                 bounces = read_bounce(part, inside) or bounces
     flags = ElementReader(element, f"{where}: ")
     return Link(name, inertial, tuple(visuals), tuple(collisions), flags.read_bool("gravity", True),

@@ -12,6 +12,7 @@ from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.meshes import files as mesh_files
 from aras_visual_servo_base.meshes.mesh import Mesh, from_corners
 from aras_visual_servo_base.poses import quaternion_from_z_to, rotate
+from aras_visual_servo_base.safe_xml import shorten
 
 _LARGEST_MESH = 50.0  # size of the largest mesh that causes no warning, m
 # Round shapes are approximated by polygons: ARC edges from the pole to the equator of a sphere, and
@@ -27,10 +28,32 @@ def make_meshes(geometry: Geometry) -> tuple[Mesh, ...]:
     """
     if geometry.kind == "mesh":
         scale = np.array(geometry.scale)
-        return tuple(part.transform(np.eye(4), scale) for part in mesh_files.read(
-            geometry.filename))
+        return tuple(part.transform(np.eye(4), scale) for part in read_mesh(geometry))
     return _make_mesh(geometry.kind, tuple(geometry.size), geometry.radius, geometry.length,
                  tuple(geometry.normal))
+
+
+def read_mesh(geometry: Geometry) -> tuple[Mesh, ...]:
+    """Read the mesh file of a shape, or the submesh that the shape uses, in the unit of the file.
+
+    Raises:
+        DescriptionError: the mesh file cannot be used, or it does not contain the submesh.
+    """
+    meshes = mesh_files.read(geometry.filename)
+    if not geometry.submesh:
+        return meshes
+    parts = tuple(mesh for mesh in meshes if mesh.name == geometry.submesh)
+    if not parts:
+        known = ", ".join(dict.fromkeys(mesh.name for mesh in meshes if mesh.name)) or "none"
+        raise DescriptionError(
+            f"mesh file {geometry.filename} has no submesh '{shorten(geometry.submesh)}'; its "
+            f"submeshes are: {shorten(known, 200)}", path=geometry.filename)
+    if not geometry.is_centred:
+        return parts
+    corners = np.concatenate([mesh.positions for mesh in parts]).astype(float)
+    shift = np.eye(4)
+    shift[:3, 3] = -0.5 * (corners.min(axis=0) + corners.max(axis=0))
+    return tuple(mesh.transform(shift) for mesh in parts)
 
 
 @lru_cache(maxsize=32)  # keep at most 32 meshes, because a sphere needs 150 kB of memory
@@ -106,7 +129,7 @@ def read_mesh_files(description: RobotDescription, model: str) -> list[str]:
     for link, kind, geometry in _list_mesh_geometries(description):
         where, file = f"model '{model}', link '{link}', {kind}", geometry.filename
         try:
-            meshes = mesh_files.read(file)
+            meshes = read_mesh(geometry)
         except DescriptionError as error:
             raise DescriptionError(f"{where}: {error.fault}", error.remedy, error.path) from None
         size = max((float(np.ptp(mesh.positions, axis=0).max())

@@ -64,7 +64,7 @@ _GEOMETRY = {
     "cylinder": _support("radius length"),
     "capsule": _support("radius length"),
     "plane": _support("normal size"),
-    "mesh": _support("uri scale submesh"),
+    "mesh": {**_support("uri scale"), "submesh": _support("name center")},
     "empty": {},
 }
 _MATERIAL = {**_support("ambient diffuse script"), "lighting": _ON,

@@ -23,6 +23,8 @@ class Geometry:
         radius, length: size of a cylinder or capsule, whose axis is z, or of a sphere, m.
         filename: absolute path of a mesh file.
         scale: scale factors of a mesh.
+        submesh: name of the part of the mesh file that is used; '' for the whole file.
+        is_centred: whether the middle of the submesh's bounding box is moved to the origin.
         normal: normal of a plane.
     """
 
@@ -32,6 +34,8 @@ class Geometry:
     length: float = 0.0
     filename: str = ""
     scale: Vector3 = (1.0, 1.0, 1.0)
+    submesh: str = ""
+    is_centred: bool = False
     normal: Vector3 = (0.0, 0.0, 1.0)
 
 

@@ -29,7 +29,6 @@ from aras_sim_bridge.description.types import (
     Vector3,
     Visual,
 )
-from aras_visual_servo_base.meshes import files as mesh_files
 from aras_visual_servo_base.meshes.files import write_obj, write_stl
 from aras_visual_servo_base.poses import Pose, quaternion_from_matrix
 from aras_visual_servo_base.urdf import ZERO, Joint
@@ -114,7 +113,7 @@ class BulletFiles:
     def __init__(self, description: RobotDescription, fixed_base: bool, visible: bool) -> None:
         """Write the files. They contain visuals for Bullet's window only if `visible` is True."""
         self._paths: list[str] = []
-        self._meshes: dict[str, str] = {}
+        self._meshes: dict[tuple[str, str, bool], str] = {}
         parts = ['<?xml version="1.0"?>', f"<robot name={quoteattr(description.name)}>"]
         try:
             for link in description.links.values():
@@ -146,18 +145,19 @@ class BulletFiles:
             with suppress(FileNotFoundError):
                 os.remove(self._paths.pop())
 
-    def write_mesh(self, filename: str) -> str:
-        """Write a copy of a mesh file that Bullet can read, in the same unit; return its path."""
-        if filename not in self._meshes:
-            meshes = mesh_files.read(filename)
+    def write_mesh(self, geometry: Geometry) -> str:
+        """Write a copy of a mesh that Bullet can read, in the unit of its file; return its path."""
+        key = geometry.filename, geometry.submesh, geometry.is_centred
+        if key not in self._meshes:
+            meshes = shape_meshes.read_mesh(geometry)
             pieces = {mesh.piece for mesh in meshes}
             # Bullet builds one convex hull per STL file, and one per object of an OBJ file.
             # Therefore several pieces need an OBJ file.
             write_file, kind = (write_obj, "obj") if len(pieces) > 1 else (write_stl, "stl")
             path = self._make_file(kind)
             write_file(meshes, path)
-            self._meshes[filename] = path
-        return self._meshes[filename]
+            self._meshes[key] = path
+        return self._meshes[key]
 
     def write_plane(self, geometry: Geometry) -> str:
         """Write a mesh that shows a plane, because Bullet does not draw planes; return its path."""
@@ -202,7 +202,7 @@ def _format_link(link: Link, concave: bool, colour: Rgba | None, files: BulletFi
                 f"<material name={quoteattr(link.name)}><color rgba={_format_numbers(colour)}/>"
                 "</material>"
             )
-        body += "".join(f"<visual>{_format_shape(visual, files)}{material}</visual>"
+        body += "".join(f"\n<visual>{_format_shape(visual, files)}{material}</visual>"
                         for visual in link.visuals)
     elif link.collisions:
         body += _EMPTY_VISUAL
@@ -211,7 +211,8 @@ def _format_link(link: Link, concave: bool, colour: Rgba | None, files: BulletFi
         # requires moving meshes to be convex.
         hollow = ' concave="yes"' if concave and collision.geometry.kind == "mesh" else ""
         for part in (collision,) if concave else _split_round_shape(collision):
-            body += f"<collision{hollow}>{_format_shape(part, files)}</collision>"
+            # Bullet splits lines of more than 8191 bytes, so each shape needs its own line.
+            body += f"\n<collision{hollow}>{_format_shape(part, files)}</collision>"
     return f"<link name={quoteattr(link.name)}>{body}</link>"
 
 
@@ -282,7 +283,7 @@ def _format_geometry(geometry: Geometry, files: BulletFiles) -> str:
         return f'<sphere radius="{geometry.radius!r}"/>'
     if geometry.kind == "plane":
         return f"<plane normal={_format_numbers(geometry.normal)}/>"
-    path = quoteattr(files.write_mesh(geometry.filename))
+    path = quoteattr(files.write_mesh(geometry))
     return f"<mesh filename={path} scale={_format_numbers(geometry.scale)}/>"
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+import logging
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -13,11 +15,18 @@ import numpy as np
 
 from .. import safe_xml
 from ..errors import DescriptionError
-from ..urdf import Rgba
-from .mesh import GREY, Mesh, check_reach, check_size, find_texture, from_indices
+from .collada_materials import Appearance, read_materials
+from .mesh import GREY, Mesh, check_reach, check_size, from_indices
 
-# Errors that pycollada ignores: unsupported or missing parts of materials.
-_UNSUPPORTED = [collada.common.DaeUnsupportedError, collada.common.DaeBrokenRefError]
+# Parts of a file that contain the triangles and their poses. The other parts, such as materials,
+# cameras and animations, are removed before pycollada reads the file: it would drop a node together
+# with a part that it cannot read.
+_LIBRARIES = {"asset", "library_geometries", "library_nodes", "library_visual_scenes", "scene"}
+_NODE_PARTS = {"node", "matrix", "translate", "rotate", "scale", "skew", "lookat",
+               "instance_geometry", "instance_node"}
+_NOT_TRIANGLES = {"lines", "linestrips", "extra"}
+_NUMBER = "number"  # attribute that numbers the elements <instance_geometry>
+_log = logging.getLogger(__name__)
 # Largest number of nodes in a scene. A file of a few kB can describe so many nodes that the memory
 # is exhausted, if each node refers twice to the next one.
 _MOST_NODES = 100_000
@@ -35,41 +44,32 @@ def read(data: bytes, folder: Path) -> list[Mesh]:
         DescriptionError: the file is invalid; the message says what is missing or wrong.
     """
     root = _parse_root(data)
+    appearances = _bind_materials(root, read_materials(root, folder))
+    _remove_unused(root)
     try:
         # pycollada loses text that follows a comment. Therefore pycollada gets the XML of `root`,
         # which contains no comments.
         checked = ElementTree.tostring(root)
-        document = collada.Collada(io.BytesIO(checked), ignore=_UNSUPPORTED)
+        document = collada.Collada(io.BytesIO(checked))
     except Exception as error:  # pycollada raises errors of many types for damaged files
         raise DescriptionError(
             f"the parts of the file do not match: {_format_error(error)}"
         ) from None
-    known = {geometry.id for geometry in document.geometries}
-    for geometry in root.findall("library_geometries/geometry"):
-        if geometry.find("mesh") is not None and geometry.get("id") not in known:
-            why = "; ".join(map(_format_error, document.errors)) or "the geometry has no id"
-            raise DescriptionError(f"geometry '{safe_xml.shorten(geometry.get('id') or '')}' "
-                                   f"cannot be read: {safe_xml.shorten(why, 200)}")
-    for instance in root.iter("instance_geometry"):
-        if _find_reference(instance, "url") not in known:
-            raise DescriptionError("the scene contains a geometry that does not exist: "
-                                   f"'{safe_xml.shorten(instance.get('url'))}'")
     unit = document.assetInfo.unitmeter or 1.0
     metres = np.diag([unit, unit, unit, 1.0])
     meshes: list[Mesh] = []
     count = 0
-    for node, placed in _find_geometries(document.scene):
-        appearances = {
-            material.symbol: _read_material(material.target, folder) for material in node.materials
-        }
+    for node, placed, name in _find_geometries(document.scene):
+        by_symbol = appearances[int(node.xmlnode.get(_NUMBER))]
         for primitive in node.geometry.primitives:
             if isinstance(primitive, collada.polylist.Polylist):
                 primitive = _triangulate(primitive)
             if isinstance(primitive, collada.triangleset.TriangleSet) and len(primitive):
                 count += len(primitive)
                 check_size(count, len(meshes) + 1)
-                appearance = appearances.get(primitive.material, (None, None))
-                meshes.append(_make_mesh(primitive, *appearance).apply_affine(metres @ placed))
+                appearance = by_symbol.get(primitive.material, Appearance())
+                mesh = _make_mesh(primitive, appearance).apply_affine(metres @ placed)
+                meshes.append(replace(mesh, name=name))
     if not meshes:
         raise DescriptionError("the scene contains no triangles")
     return meshes
@@ -124,6 +124,57 @@ def _parse_root(data: bytes) -> Element:
     return root
 
 
+def _bind_materials(
+    root: Element, materials: dict[str, Appearance]
+) -> list[dict[str, Appearance]]:
+    """Number the elements <instance_geometry>, and return the appearances that each one uses.
+
+    Returns:
+        For each element, the appearances by the symbols in its geometry.
+    """
+    found = []
+    for instance in root.iter("instance_geometry"):
+        instance.set(_NUMBER, str(len(found)))
+        by_symbol = {}
+        for binding in instance.iter("instance_material"):
+            target = (binding.get("target") or "").removeprefix("#")
+            if target not in materials:
+                _log.warning("material '%s' is drawn grey: the file does not contain it",
+                             safe_xml.shorten(target))
+            by_symbol[binding.get("symbol")] = materials.get(target, Appearance(GREY))
+        found.append(by_symbol)
+    return found
+
+
+def _remove_unused(root: Element) -> None:
+    """Remove the parts of a file that are neither triangles nor their poses.
+
+    Raises:
+        DescriptionError: the scene contains a geometry that does not exist.
+    """
+    geometries = {one.get("id"): one for one in root.iterfind("library_geometries/geometry")}
+    for instance in root.iter("instance_geometry"):
+        if _find_reference(instance, "url") not in geometries:
+            raise DescriptionError("the scene contains a geometry that does not exist: "
+                                   f"'{safe_xml.shorten(instance.get('url'))}'")
+    curves = {name for name, one in geometries.items() if one.find("mesh") is None}
+    for parent in root.iter():
+        for child in list(parent):
+            if parent is root:
+                is_used = child.tag in _LIBRARIES
+            elif parent.tag == "node":
+                is_used = child.tag in _NODE_PARTS and not (
+                    child.tag == "instance_geometry" and _find_reference(child, "url") in curves)
+            elif parent.tag == "library_geometries":
+                is_used = child.get("id") not in curves
+            elif parent.tag == "scene":
+                is_used = child.tag == "instance_visual_scene"
+            else:
+                is_used = parent.tag != "instance_geometry" and child.tag not in _NOT_TRIANGLES
+            if not is_used:
+                parent.remove(child)
+
+
 def _check_primitive(primitive: Element) -> None:
     """Check that a primitive has as many indices as its counts require."""
     what = f"<{primitive.tag}>"
@@ -165,19 +216,21 @@ def _parse_numbers(element: Element, kind: type) -> np.ndarray:
 
 def _find_geometries(
     scene: collada.scene.Scene | None,
-) -> Iterator[tuple[collada.scene.GeometryNode, np.ndarray]]:
-    """Yield the geometries in the scene with their poses (4, 4)."""
-    pending = [(node, np.eye(4)) for node in reversed(scene.nodes)] if scene is not None else []
+) -> Iterator[tuple[collada.scene.GeometryNode, np.ndarray, str]]:
+    """Yield the geometries in the scene with their poses (4, 4) and the names of their nodes."""
+    nodes = scene.nodes if scene is not None else []
+    pending = [(node, np.eye(4), "") for node in reversed(nodes)]
     for _ in range(_MOST_NODES):
         if not pending:
             return
-        node, placed = pending.pop()
+        node, placed, name = pending.pop()
         if isinstance(node, collada.scene.GeometryNode):
-            yield node, placed
+            yield node, placed, name
         elif isinstance(node, collada.scene.Node):
             inside = placed @ node.matrix
             check_reach(inside, "transform")
-            pending += [(child, inside) for child in reversed(node.children)]
+            name = getattr(node, "name", None) or node.id or name
+            pending += [(child, inside, name) for child in reversed(node.children)]
     raise DescriptionError(f"the scene has more than {_MOST_NODES} nodes", "simplify it")
 
 
@@ -188,9 +241,7 @@ def _triangulate(polygons: collada.polylist.Polylist) -> collada.triangleset.Tri
     return polygons.triangleset()
 
 
-def _make_mesh(
-    triangles: collada.triangleset.TriangleSet, rgba: Rgba | None, texture: str | None
-) -> Mesh:
+def _make_mesh(triangles: collada.triangleset.TriangleSet, appearance: Appearance) -> Mesh:
     """Return a mesh of the triangles in the frame and unit of their geometry."""
     index = np.full((*triangles.vertex_index.shape, 3), -1)
     index[..., 0] = triangles.vertex_index
@@ -201,18 +252,4 @@ def _make_mesh(
     if triangles.normal is not None:
         normals = triangles.normal
         index[..., 2] = triangles.normal_index
-    return from_indices(index, triangles.vertex, uv, normals, rgba, texture)
-
-
-def _read_material(
-    material: collada.material.Material, folder: Path
-) -> tuple[Rgba | None, str | None]:
-    """Return the diffuse colour and the texture file of a material; each is None if missing."""
-    diffuse = getattr(getattr(material, "effect", None), "diffuse", None)
-    if isinstance(diffuse, collada.material.Map):
-        file = folder / diffuse.sampler.surface.image.path
-        texture = find_texture(file, f"material '{safe_xml.shorten(material.id)}'")
-        return None if texture else GREY, texture
-    if diffuse is None:
-        return None, None
-    return (*(float(x) for x in diffuse[:3]), 1.0), None
+    return from_indices(index, triangles.vertex, uv, normals, *appearance)

@@ -16,6 +16,7 @@ import stat
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -181,6 +182,7 @@ def _read_obj(data: bytes, folder: Path, states: dict[Path, _State | None]) -> l
     materials: dict[str, tuple[Rgba | None, str | None]] = {}
     lacking: set[str] = set()
     material, piece, count = "", 0, 0
+    names = {0: ""}  # names of the groups
     for number, line in enumerate(data.decode(errors="replace").splitlines(), 1):
         kind, *words = line.split() or [""]
         try:
@@ -194,6 +196,7 @@ def _read_obj(data: bytes, folder: Path, states: dict[Path, _State | None]) -> l
                 count += max(len(corners) - 2, 0)
             elif kind in ("g", "o"):
                 piece += 1
+                names[piece] = " ".join(words)
             elif kind == "usemtl":
                 material = " ".join(words)
             elif kind == "mtllib":
@@ -217,7 +220,8 @@ def _read_obj(data: bytes, folder: Path, states: dict[Path, _State | None]) -> l
         _log.warning("mesh file %s: material '%s' is drawn grey, because %s", next(iter(states)),
                      shorten(name), where)
         appearances[name] = GREY, None
-    return [from_indices(np.array(corners), v, vt, vn, *appearances[name], group)
+    return [replace(from_indices(np.array(corners), v, vt, vn, *appearances[name], group),
+                    name=names[group])
             for (group, name), corners in faces.items() if corners]
 
 
@@ -236,11 +240,13 @@ def _parse_element(kind: str, fields: list[str]) -> list[float]:
 def _parse_corner(text: str, counts: list[int]) -> tuple[int, ...]:
     """Return the indices v/vt/vn of a corner, which start at 0; -1 for a missing index.
 
-    In the file, indices start at 1, or are negative and count backwards from the last element.
+    In the file, indices start at 1, or are negative and count backwards from the last element. Some
+    programs write indices of texture coordinates or normals although the file has none of them.
     """
     indices = []
-    for part, count in zip((text.split("/") + ["", ""])[:3], counts, strict=True):
-        index = int(part) if part else None
+    for what, part in enumerate((text.split("/") + ["", ""])[:3]):
+        count = counts[what]
+        index = int(part) if part and (count or what == 0) else None
         if index is not None and not (1 <= index <= count or -count <= index <= -1):
             raise DescriptionError(f"a face refers to element {index}, but there are {count} "
                                    "elements")
@@ -270,8 +276,10 @@ def _read_mtl(path: Path, states: dict[Path, _State | None]
             if len(rgba) != 4 or not all(map(math.isfinite, rgba)):
                 raise DescriptionError(f"{path.name}: material '{name}': Kd needs three numbers")
         elif kind == "map_Kd" and words:
-            file = path.parent / words[-1]
-            texture = find_texture(file, f"material '{shorten(name)}' of {path}")
+            # Options such as "-s 1 1 1" may precede the path, which may contain spaces.
+            whole = " ".join(words)
+            texture = find_texture(path.parent, words[-1] if words[0].startswith("-") else whole,
+                                   f"material '{shorten(name)}' of {path}")
             grey = texture is None
         materials[name] = (GREY if grey else rgba, texture)
     return materials

@@ -8,6 +8,7 @@ import io
 import json
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from tempfile import mkdtemp
@@ -77,7 +78,8 @@ def read(data: bytes, path: Path, find_file: Callable[[Path], bytes]) -> list[Me
         placed, name = scene.graph[node]
         shape = scene.geometry[name]
         if isinstance(shape, trimesh.Trimesh) and len(shape.faces):
-            meshes.append(_make_mesh(shape, normals).apply_affine(placed))
+            mesh = _make_mesh(shape, normals).apply_affine(placed)
+            meshes.append(replace(mesh, name=str(node)))
             check_size(sum(len(mesh.triangles) for mesh in meshes), len(meshes))
     if not meshes:
         raise DescriptionError("the scene contains no triangles")

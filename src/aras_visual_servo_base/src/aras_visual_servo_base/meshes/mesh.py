@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass, replace
 from pathlib import Path
+from urllib.parse import unquote
 
 import numpy as np
 
@@ -43,6 +44,8 @@ class Mesh:
         rgba: colour of the material; None if the material has none.
         piece: number of the collision body to which the mesh belongs. All meshes of a file with the
             same number form one body. In an OBJ file, each group has its own number.
+        name: name of the mesh in its file: the node in a COLLADA or glTF file, the group or object
+            in an OBJ file.
     """
 
     positions: np.ndarray
@@ -52,6 +55,7 @@ class Mesh:
     texture: str | None = None
     rgba: Rgba | None = None
     piece: int = 0
+    name: str = ""
 
     @property
     def nbytes(self) -> int:
@@ -70,8 +74,8 @@ class Mesh:
         positions = (self.positions * scale) @ a_T_b[:3, :3].T + a_T_b[:3, 3]
         normals = normalise((self.normals / scale) @ a_T_b[:3, :3].T)
         triangles = self.triangles[:, ::-1] if np.prod(scale) < 0 else self.triangles
-        return Mesh(positions.astype(np.float32), normals.astype(np.float32), triangles,
-                    self.uv, self.texture, self.rgba, self.piece)
+        return replace(self, positions=positions.astype(np.float32),
+                       normals=normals.astype(np.float32), triangles=triangles)
 
     def apply_texture(self, texture: str, box_mapping: bool) -> Mesh:
         """Return a copy of the mesh with a texture.
@@ -224,11 +228,28 @@ def check_size(triangles: int, meshes: int = 1) -> None:
                                    "simplify it")
 
 
-def find_texture(file: Path, what: str) -> str | None:
-    """Return the path of a material's texture. If it is missing, log this and return None."""
-    if file.is_file():
-        return str(file)
-    _log.warning("%s is drawn grey: there is no %s", what, file)
+def find_texture(folder: Path, name: str, what: str) -> str | None:
+    """Return the path of a material's texture. If it is missing, log this and return None.
+
+    As in Gazebo, the file may also be in the folder materials/textures of the model. The model in
+    model://MODEL/PATH is next to the model of the mesh file. A path from another computer, such as
+    C:\\work\\a.png, is replaced by its last part.
+
+    Args:
+        folder: folder of the mesh file.
+        name: path or URI of the texture in the mesh file.
+        what: name of the material in the log message.
+    """
+    path = unquote(name.removeprefix("file://")).replace("\\", "/")
+    last = path.rpartition("/")[2]
+    textures = folder.parent / "materials" / "textures"
+    if path.startswith("model:"):
+        path = f"../../{path.removeprefix('model:').lstrip('/')}"
+    for file in (folder / name, folder / path, textures / path, folder / last, textures / last):
+        if file.is_file():
+            return str(file)
+    _log.warning("%s is drawn grey: there is no %s, and no %s", what, folder / name,
+                 textures / last)
     return None
 
 

@@ -65,9 +65,10 @@ def test_tensors_that_no_body_has():
                                  ((5e-7, 0, 0, 1e-7, 0, -1.01e-6), 1.0, "check the signs of ixx")):
         with pytest.raises(DescriptionError, match=reason):
             make(*tensor, mass=mass)
-    ball, (said,) = make(*(0,) * 6, mass=2.0)
-    assert ball.inertia == pytest.approx((0.002, 0, 0, 0.002, 0, 0.002))  # 2/5 m r², r = 5 cm
-    assert "link 'a': the inertia tensor is zero" in said
+    for tensor in ((0,) * 6, (1e-12, 0, 0, 1e-12, 0, 1e-12)):
+        ball, (said,) = make(*tensor, mass=2.0)
+        assert ball.inertia == pytest.approx((0.002, 0, 0, 0.002, 0, 0.002))  # 2/5 m r², r = 5 cm
+        assert "link 'a': the inertia tensor is zero" in said
     for tensor in ((1e-6, 0, 0, 1e-7, 0, -5e-7), (5e-7, 0, 0, 1e-7, 0, -1e-6)):
         _, (said,) = make(*tensor)
         assert f"negative principal moment ({tensor[-1]:.4g})" in said

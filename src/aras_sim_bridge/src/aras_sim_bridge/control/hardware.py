@@ -115,9 +115,12 @@ class RobotHardware:
             )
         joint = self.description.joints.get(name)
         if joint is None or name not in self.model.joint_names:
+            remedy = "correct the name"
+            if joint is not None:
+                remedy += ", or make the joint movable and give mass to the links that it moves"
             raise HardwareError(
                 f"{label}: joint '{name}' is not a movable joint of the simulated model; "
-                f"the model has {', '.join(self.model.joint_names) or 'none'}; correct the name"
+                f"the model has {', '.join(self.model.joint_names) or 'none'}; {remedy}"
             )
         if name in self.handles:
             raise HardwareError(

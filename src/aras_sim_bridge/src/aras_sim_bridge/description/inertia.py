@@ -12,6 +12,8 @@ _TRIANGLE_TOLERANCE = 1e-3
 # instead of an error. Common robot models contain such tensors, for example for TIAGo's antennas,
 # which have masses of milligrams.
 _NEGLIGIBLE = 1e-6
+# A tensor whose largest radius of gyration is smaller than this, m, counts as zero.
+_SMALLEST_RADIUS = 1e-6
 
 
 def inertia_tensor(inertia: tuple[float, ...]) -> np.ndarray:
@@ -31,9 +33,9 @@ def make_inertial(
     """Return the checked inertial parameters of a link, or None for a link without mass.
 
     A tensor that violates the triangle inequality causes a warning but is used, because the
-    equations of motion only need it to be positive definite. A tensor that is zero, or that has a
-    negative principal moment but none above 1e-6 kg m² in magnitude, causes a warning and is
-    replaced by that of a solid sphere of 5 cm radius.
+    equations of motion only need it to be positive definite. A tensor that is zero or nearly zero,
+    or that has a negative principal moment but none above 1e-6 kg m² in magnitude, causes a warning
+    and is replaced by that of a solid sphere of 5 cm radius.
 
     Raises:
         DescriptionError: the mass is negative, or a principal moment is negative and one is above
@@ -51,7 +53,7 @@ def make_inertial(
             f"{where}: the inertia tensor has a negative principal moment ({principal[0]:.4g}); "
             "check the signs of ixx … izz"
         )
-    if negative or principal[1] <= 0.0:
+    if negative or principal[1] <= 0.0 or principal[2] < mass * _SMALLEST_RADIUS**2:
         sphere = 0.4 * mass * 0.05**2
         what = f"has a negative principal moment ({principal[0]:.4g})" if negative else "is zero"
         warnings.append(

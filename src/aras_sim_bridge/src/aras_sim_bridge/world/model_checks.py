@@ -1,14 +1,19 @@
 """Checks before a model is loaded into Bullet, and the start positions of its joints."""
 
+import logging
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from types import MappingProxyType
 
 from aras_sim_bridge.description.inertia import principal_axes
 from aras_sim_bridge.description.types import Geometry, Inertial, Link, RobotDescription
 from aras_sim_bridge.errors import UnknownJointError, WorldError
 from aras_visual_servo_base.pose_checks import check_pose
 from aras_visual_servo_base.poses import Pose
+from aras_visual_servo_base.urdf import Joint
 
+logger = logging.getLogger(__name__)
 # Largest length (m) and mass (kg) of a model's parts. Beyond this length, coordinates in double
 # precision do not resolve a micrometre, and Bullet's bounding boxes overflow.
 LARGEST = 1e9
@@ -90,21 +95,46 @@ def _check_inertial(inertial: Inertial, where: str) -> None:
 
 def _check_joints(description: RobotDescription, name: str) -> None:
     """Check that every moving joint moves some mass."""
-    parents: dict[str, str] = {}
-    for joint in description.joints.values():
-        parents[joint.child] = joint.parent
+    for joint in _list_massless_joints(description):
+        raise WorldError(
+            f"model '{name}': joint '{joint.name}' moves link '{joint.child}', which has no mass; "
+            "add an <inertial> to this link"
+        )
+
+
+def _list_massless_joints(description: RobotDescription) -> list[Joint]:
+    """Return the moving joints below which no link has mass."""
+    parents = {joint.child: joint.parent for joint in description.joints.values()}
     with_mass: set[str] = set()  # names of links that have mass, or a descendant with mass
     for link in description.links.values():
         name_above = link.name if link.inertial is not None else None
         while name_above is not None and name_above not in with_mass:
             with_mass.add(name_above)
             name_above = parents.get(name_above)
+    return [joint for joint in description.joints.values()
+            if joint.is_movable and joint.child not in with_mass]
+
+
+def fix_massless_joints(description: RobotDescription, name: str) -> RobotDescription:
+    """Return the description with the joints fixed that move no mass; a warning is logged for each.
+
+    Gazebo leaves out the links below such a joint. Here they remain visible.
+    """
+    massless = [] if description.static else _list_massless_joints(description)
+    if not massless:
+        return description
+    joints = dict(description.joints)
+    for joint in massless:
+        logger.warning("model '%s': joint '%s' does not move, because it moves no mass; add an "
+                       "<inertial> to link '%s'", name, joint.name, joint.child)
+        joints[joint.name] = replace(joint, kind="fixed", mimic=None)
     for joint in description.joints.values():
-        if joint.is_movable and joint.child not in with_mass:
-            raise WorldError(
-                f"model '{name}': joint '{joint.name}' moves link '{joint.child}', which has no "
-                "mass; add an <inertial> to this link"
-            )
+        leader = None if joint.mimic is None else joints[joint.mimic.joint]
+        if joints[joint.name].is_movable and leader is not None and not leader.is_movable:
+            logger.warning("model '%s': joint '%s' moves freely, because joint '%s', which it "
+                           "mimics, does not move", name, joint.name, leader.name)
+            joints[joint.name] = replace(joint, mimic=None)
+    return replace(description, joints=MappingProxyType(joints))
 
 
 def check_start_pose(pose: object, name: str) -> Pose:

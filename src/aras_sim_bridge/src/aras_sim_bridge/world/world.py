@@ -124,8 +124,8 @@ class World:
                 without mass is always fixed.
 
         Raises:
-            WorldError: the name is taken or empty, or a pose, position, joint or mass is invalid;
-                the world is not changed.
+            WorldError: the name is taken or empty, or a pose, position or mass is invalid; the
+                world is not changed.
             DescriptionError: a mesh file is damaged; the world is not changed.
         """
         if not isinstance(name, str) or not name:
@@ -133,7 +133,8 @@ class World:
         if name in self.models:
             raise WorldError(f"a model named '{name}' exists already; delete it, or use another "
                              "name")
-        whole = (description, *description.parts)
+        whole = tuple(model_checks.fix_massless_joints(one, name)
+                      for one in (description, *description.parts))
         for one in whole:
             model_checks.check_simulable(one, name)
             for text in shape_meshes.read_mesh_files(one, name):

@@ -98,14 +98,47 @@ def visp(D, model):
 """
 
 
+def camodocal(D, model):
+    fisheye = model == "equidistant"
+    lens = dict(zip(("k2", "k3", "k4", "k5") if fisheye else ("k1", "k2", "p1", "p2"), D,
+                    strict=True))  # fmt: skip
+    pinhole = dict(zip(("mu", "mv", "u0", "v0") if fisheye else ("fx", "fy", "cx", "cy"),
+                       (612.5, 610.0, 331.25, 228.5), strict=True))  # fmt: skip
+    return "%YAML:1.0\n---\n" + yaml.safe_dump({
+        "model_type": "KANNALA_BRANDT" if fisheye else "PINHOLE", "camera_name": "head",
+        "image_width": 640, "image_height": 480,
+        **({} if fisheye else {"distortion_parameters": lens}),
+        "projection_parameters": {**(lens if fisheye else {}), **pinhole}}, sort_keys=False)
+
+
+def orb_slam(camera):
+    def text(D, model):
+        fisheye = model == "equidistant"
+        names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
+        values = {"fx": 612.5, "fy": 610.0, "cx": 331.25, "cy": 228.5,
+                  **dict(zip(names, D, strict=False))}  # fmt: skip
+        return (f'%YAML:1.0\n\nCamera.type: "{"KannalaBrandt8" if fisheye else "PinHole"}"\n'
+                + "".join(f"{camera}.{key}: {value!r}\n" for key, value in values.items())
+                + "Camera.width: 640\nCamera.height: 480\nCamera.fps: 20\n"
+                "IMU.T_b_c1: !!opencv-matrix\n   rows: 1\n   cols: 2\n   dt: f\n"
+                "   data: [1.0, 0.0]\n")
+
+    return text
+
+
 WRITERS = {"ros.yaml": ros, "topic.yaml": rostopic, "ost.ini": ini, "cv.yaml": opencv(".yaml"),
            "cv.xml": opencv(".xml"), "cv.json": opencv(".json"), "chain.yaml": kalibr,
            "visp.xml": visp}  # fmt: skip
+# A part of such a file can look complete, so the test of incomplete files leaves them out.
+SLAM = {"camodocal.yaml": camodocal, "orb2.yaml": orb_slam("Camera"),
+        "orb3.yaml": orb_slam("Camera1"),
+        "open_vins.yaml": lambda D, model: "%YAML:1.0\n\n" + kalibr(D, model)}  # fmt: skip
 ALL = [(*RADTAN[:2], *RADTAN[2:]), (*RADTAN, -0.02), RATIONAL, PRISM, TILT]
 CASES = [
     *((name, D, NAMES[len(D)]) for name in ("ros.yaml", "topic.yaml", "ost.ini", "cv.yaml",
                                             "cv.xml", "cv.json") for D in ALL),
-    *((name, EQUIDISTANT, "equidistant") for name in WRITERS if name != "ost.ini"),
+    *((name, EQUIDISTANT, "equidistant") for name in (*WRITERS, *SLAM) if name != "ost.ini"),
+    *((name, RADTAN, "plumb_bob") for name in SLAM), ("orb3.yaml", (*RADTAN, -0.02), "plumb_bob"),
     ("chain.yaml", RADTAN, "plumb_bob"),
     ("visp.xml", (-0.2, 0.0, 0.0, 0.0), "plumb_bob"), ("visp.xml", (), "plumb_bob"),
 ]  # fmt: skip
@@ -113,7 +146,7 @@ CASES = [
 
 @pytest.mark.parametrize(("name", "D", "model"), CASES)
 def test_a_projected_grid_is_opencvs(tmp_path, name, D, model):
-    (tmp_path / name).write_text(WRITERS[name](D, model))
+    (tmp_path / name).write_text({**WRITERS, **SLAM}[name](D, model))
     camera = CameraConfig.from_mapping(read_camera(tmp_path / name))
     x, y = np.meshgrid(np.linspace(-0.5, 0.5, 15), np.linspace(-0.4, 0.4, 13))
     grid = np.column_stack([x.ravel(), y.ravel(), np.ones(x.size)])
@@ -150,6 +183,7 @@ def test_a_file_that_is_cut_off_is_refused_or_says_the_same(tmp_path, name):
 
 
 ROS = ros((*RADTAN, -0.02), "plumb_bob")
+VINS, ORB = camodocal(RADTAN, "plumb_bob"), orb_slam("Camera")(RADTAN, "plumb_bob")
 CHAIN, STORE, VISP = kalibr(RADTAN, "plumb_bob"), opencv(".xml")(RADTAN, ""), visp(RADTAN[:1], "")
 
 
@@ -171,6 +205,12 @@ CHAIN, STORE, VISP = kalibr(RADTAN, "plumb_bob"), opencv(".xml")(RADTAN, ""), vi
     ("a.yaml", CHAIN.replace("radtan", "fov"), "cam0: distortion_model 'fov'"),
     ("a.yaml", CHAIN.replace("pinhole", "omni"), "camera_model 'omni' is not supported"),
     ("a.yaml", CHAIN.replace("resolution", "size"), "cam0: resolution is missing"),
+    ("a.yaml", VINS.replace("PINHOLE", "MEI"), "model_type 'MEI' is not supported: calibrate with"),
+    ("a.yaml", VINS.replace("p2:", "p3:"), "distortion_parameters: p2 is missing"),
+    ("a.yaml", VINS.replace("cx: 331.25", "cx: .nan"), "projection_parameters"),
+    ("a.yaml", VINS.replace("height: 480", "height: 480.5"), "image_height is 480.5"),
+    ("a.yaml", ORB.replace("Camera.cy", "Camera.c"), "Camera.cy is missing"),
+    ("a.yaml", ORB.replace("Camera.width: 640", "Camera.width: 64"), "cx = 331.25 px"),
     ("a.yaml#cam7", CHAIN, "has no camera 'cam7': select one of cam0, cam1"),
     ("a.xml", STORE.replace("camera_matrix", "matrix"), "camera_matrix is missing"),
     ("a.xml", STORE.replace("distortion_coefficients", "other"), "distortion_coefficients are mis"),

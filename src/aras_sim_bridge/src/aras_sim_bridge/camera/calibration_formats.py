@@ -146,6 +146,9 @@ def read_opencv(text: str, path: str) -> CameraReaders | None:
         of or NAME: partial(_read_opencv_camera, plain, key, of, path)
         for key, of in MATRICES.items() if isinstance(plain.get(key), np.ndarray)
     }  # fmt: skip
+    for key in ("camera", "camera1", "camera2"):
+        if f"{key}.fx" in plain:
+            cameras[key[6:] or NAME] = partial(_read_orb_slam_camera, plain, f"{key}.", path)
     if not cameras:
         raise CameraError(f"{path}: camera_matrix is missing: add it (the file contains "
                           f"{', '.join(found) or 'nothing'})")  # fmt: skip
@@ -177,6 +180,54 @@ def _read_opencv_camera(plain: Mapping[str, Any], key: str, of: str, path: str) 
     model = "equidistant" if plain.get("fisheyemodel") else None
     K = check_finite(K.ravel().tolist(), f"{path}: camera_matrix", (9,))
     return Calibration(path, *sides, K, model, check_finite(D, f"{path}: distortion_coefficients"))
+
+
+def _read_orb_slam_camera(plain: Mapping[str, Any], key: str, path: str) -> Calibration:
+    """Read a camera of ORB-SLAM 2 or 3, whose keys start with `key`."""
+    def read_numbers(names: str) -> tuple[float, ...]:
+        values = [plain.get(key + name, 0.0 if name == "k3" else None) for name in names.split()]
+        for name, value in zip(names.split(), values, strict=True):
+            if not isinstance(value, float):
+                raise CameraError(f"{path}: {key.capitalize()}{name} is missing: add it")
+        return check_finite(values, f"{path}: {key.capitalize()}{names.partition(' ')[0]}")
+
+    fisheye = plain.get("camera.type") == "KannalaBrandt8"
+    fx, fy, cx, cy = read_numbers("fx fy cx cy")
+    D = read_numbers("k1 k2 k3 k4" if fisheye else "k1 k2 p1 p2 k3")
+    sides = [plain.get(f"camera.{side}") for side in ("width", "height")]
+    sides = [None if side is None else int(side) for side in sides]
+    return Calibration(path, *sides, (fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0),
+                       "equidistant" if fisheye else "plumb_bob", D)  # fmt: skip
+
+
+def read_camodocal(text: str, path: str) -> CameraReaders | None:
+    """Read a file of CamOdoCal, as VINS-Fusion and others use it."""
+    data = _parse_mapping(text, path)
+    if data is None or "model_type" not in data:
+        return None
+    return {NAME: partial(_read_camodocal_camera, data, path)}
+
+
+def _read_camodocal_camera(data: Mapping[str, Any], path: str) -> Calibration:
+    def read_numbers(group: str, names: str) -> tuple[float, ...]:
+        where = f"{path}: {group}"
+        block = _read_entry(data, group, path)
+        if not isinstance(block, Mapping):
+            raise CameraError(f"{where} is {format_value(block)}, must be a mapping of {names}")
+        return check_finite([_read_entry(block, name, where) for name in names.split()], where)
+
+    kind = data["model_type"]
+    sides = [_read_size(data, key, path) for key in ("image_width", "image_height")]
+    if kind == "PINHOLE":
+        fx, fy, cx, cy = read_numbers("projection_parameters", "fx fy cx cy")
+        model, D = "plumb_bob", read_numbers("distortion_parameters", "k1 k2 p1 p2")
+    elif kind == "KANNALA_BRANDT":
+        *D, fx, fy, cx, cy = read_numbers("projection_parameters", "k2 k3 k4 k5 mu mv u0 v0")
+        model = "equidistant"
+    else:
+        raise CameraError(f"{path}: model_type {format_value(kind)} is not supported: calibrate "
+                          "with PINHOLE or KANNALA_BRANDT")  # fmt: skip
+    return Calibration(path, *sides, (fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0), model, tuple(D))
 
 
 def read_kalibr(text: str, path: str) -> CameraReaders | None:
@@ -295,7 +346,8 @@ def _parse_xml(text: str, path: str) -> Element:
 
 
 def _parse_mapping(text: str, path: str) -> Mapping[str, Any] | None:
-    found = parse_yaml(text, path, CameraError)
+    # OpenCV's header is not valid YAML; programs without OpenCV's tags write it, too.
+    found = parse_yaml(re.sub(r"\A%YAML\S*\s*(---)?", "", text), path, CameraError)
     return found if isinstance(found, Mapping) else None
 
 
@@ -318,8 +370,9 @@ def find_readers(text: str) -> tuple[Reader, ...]:
     """Return the readers for the format of a text, in the order in which they are to be tried."""
     if text.lstrip().startswith("<"):
         return read_visp, read_opencv, refuse_xml
-    if text.startswith("%YAML") or re.search("opencv-(nd-)?matrix", text):
+    if re.search("opencv-(nd-)?matrix", text):
         return (read_opencv,)
     if re.search(r"^\[image\]\s*$", text, re.MULTILINE):
         return (read_ros_ini,)
-    return read_kalibr, read_ros
+    others = (read_opencv,) if text.startswith("%YAML") else (read_ros,)
+    return read_kalibr, read_camodocal, *others

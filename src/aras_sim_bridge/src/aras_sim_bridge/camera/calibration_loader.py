@@ -6,7 +6,8 @@ The content, not the file name, determines the format:
   rostopic, and .ini files of camera_calibration_parsers;
 - OpenCV: FileStorage in YAML, XML or JSON;
 - Kalibr: camchain files;
-- ViSP: files of vpXmlParserCamera.
+- ViSP: files of vpXmlParserCamera;
+- CamOdoCal, for example for VINS-Fusion; ORB-SLAM 2 and 3.
 
 `FILE#NAME` selects one of several cameras in a file.
 """

@@ -259,3 +259,41 @@ def test_an_error_that_a_missing_include_causes_names_the_include(tmp_path):
                                         r"'model://no_arm' is ignored"):
         load(tmp_path, "<link name='a'/><include><uri>model://no_arm</uri></include>"
              "<joint name='j' type='fixed'><parent>a</parent><child>arm::hand</child></joint>")
+
+
+@pytest.mark.parametrize("written", ["name='<STL_BINARY>'", "name=left_wheel", 'name = "a<b"'])
+def test_attributes_that_gazebos_parser_accepts_are_read(tmp_path, written):
+    text = MODEL.format(f"<link {written} >\n<inertial><mass>2</mass></inertial></link>")
+    (tmp_path / "model.sdf").write_text("<!-- -- -->\n" + text)
+    (link,) = load_description(tmp_path / "model.sdf").links.values()
+    assert link.name in ("<STL_BINARY>", "left_wheel", "a<b") and link.inertial.mass == 2.0
+    (tmp_path / "model.sdf").write_text("<!-- -- -->\n" + text.replace("</link>", "</ink>"))
+    with pytest.raises(DescriptionError, match="line 3, column .*mismatched tag|line 2, column"):
+        load_description(tmp_path / "model.sdf")
+
+
+@pytest.mark.parametrize(("kind", "gravity", "speed"), [
+    ("revolute", (0.0, 0.0, 0.0), 1.0), ("continuous", (0.0, 0.0, 0.0), 1.0),
+    ("prismatic", (50.0, 0.0, 0.0), 12.5)])  # fmt: skip
+def test_a_negative_effort_or_velocity_means_that_there_is_no_limit(tmp_path, kind, gravity, speed):
+    """A constant torque or force accelerates the joint for 0.25 s."""
+    body = ("<link name='b'><inertial><mass value='1'/><inertia ixx='1' ixy='0' ixz='0' iyy='1' "
+            "iyz='0' izz='1'/></inertial></link>")
+    (tmp_path / "a.urdf").write_text(
+        f"<robot name='r'><link name='world'/>{body}<joint name='j' type='{kind}'>"
+        "<parent link='world'/><child link='b'/><axis xyz='1 0 0'/><limit lower='-9' upper='9' "
+        "effort='-1' velocity='-1.0'/></joint></robot>")
+    robot = load_description(tmp_path / "a.urdf")
+    assert (robot.joints["j"].limits.effort, robot.joints["j"].limits.velocity) == (np.inf, np.inf)
+    simulation = Simulation(SimulationConfig(gravity=gravity))
+    try:
+        model = simulation.spawn(robot, "r")
+        for _ in range(250):
+            if kind != "prismatic":
+                model.joints.apply_effort("j", 4.0)
+            simulation.step()
+        twist = model.link_twist("b")
+        moved = twist.linear if kind == "prismatic" else twist.angular
+        assert moved[0] == pytest.approx(speed, rel=0.02)
+    finally:
+        simulation.close()

@@ -1,7 +1,9 @@
 """Reader of untrusted XML. It rejects document types and entities, and limits size and depth."""
 
 import math
+import re
 from collections import Counter
+from contextlib import suppress
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
@@ -14,6 +16,9 @@ LARGEST_TEXT = 16 * 1024 * 1024
 LARGEST_DEPTH = 64
 LARGEST_COUNT = 400_000
 BOOLEANS = {"true": True, "1": True, "yes": True, "false": False, "0": False, "no": False}
+
+_ATTRIBUTE = re.compile(r"""(\s[\w:.-]+\s*=\s*)("[^"]*"|'[^']*'|[^\s"'<>/]+)""")
+_TAG = re.compile(rf"<[A-Za-z_][\w:.-]*(?:{_ATTRIBUTE.pattern})+\s*/?>")
 
 
 def parse(
@@ -89,6 +94,11 @@ def parse(
     try:
         parser.Parse(text.rstrip(), True)
     except expat.ExpatError as error:
+        repaired = _repair_attributes(text)
+        if repaired != text:
+            with suppress(DescriptionError):
+                lines = "\n" * first_line + repaired
+                return parse(lines, what, len(lines), doctype)
         raise DescriptionError(
             f"{what}: line {first_line + error.lineno}, column {error.offset}: "
             f"{expat.errors.messages[error.code]}"
@@ -96,6 +106,20 @@ def parse(
     except (UnicodeEncodeError, ValueError) as error:
         raise DescriptionError(f"{what} is not valid text: {error}") from None
     return builder.close()
+
+
+def _repair_attributes(xml: str) -> str:
+    """Return the text with quoted attribute values and without '<' in them.
+
+    Gazebo's parser accepts values without quotes, and values that contain '<'.
+    """
+    def repair(attribute: re.Match[str]) -> str:
+        value = attribute[2]
+        if value[0] not in "\"'":
+            value = f'"{value}"'
+        return attribute[1] + value.replace("<", "&lt;")
+
+    return _TAG.sub(lambda tag: _ATTRIBUTE.sub(repair, tag[0]), xml)
 
 
 def _remove_comments(xml: str) -> str:

@@ -330,10 +330,8 @@ def _read_limits(element: Element, kind: str, where: str) -> JointLimits | None:
     required = None if bounded else math.inf
     effort = parse_number(node.get("effort"), f"{where}: limit effort", required)
     velocity = parse_number(node.get("velocity"), f"{where}: limit velocity", required)
-    if effort < 0.0 or velocity < 0.0:
-        raise DescriptionError(
-            f"{where}: limit effort {effort} and velocity {velocity} must not be negative"
-        )
+    # In Gazebo, a negative effort or velocity means that there is no limit.
+    effort, velocity = (math.inf if limit < 0.0 else limit for limit in (effort, velocity))
     return JointLimits(lower if bounded else None, upper if bounded else None, effort, velocity)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from .. import safe_xml
 from ..errors import DescriptionError
-from .collada_materials import Appearance, read_materials
+from .collada_materials import MeshMaterial, read_materials
 from .mesh import GREY, Mesh, check_reach, check_size, from_indices
 
 # Parts of a file that contain the triangles and their poses. The other parts, such as materials,
@@ -44,7 +44,7 @@ def read(data: bytes, folder: Path) -> list[Mesh]:
         DescriptionError: the file is invalid; the message says what is missing or wrong.
     """
     root = _parse_root(data)
-    appearances = _bind_materials(root, read_materials(root, folder))
+    materials = _bind_materials(root, read_materials(root, folder))
     _remove_unused(root)
     try:
         # pycollada loses text that follows a comment. Therefore pycollada gets the XML of `root`,
@@ -60,15 +60,15 @@ def read(data: bytes, folder: Path) -> list[Mesh]:
     meshes: list[Mesh] = []
     count = 0
     for node, placed, name in _find_geometries(document.scene):
-        by_symbol = appearances[int(node.xmlnode.get(_NUMBER))]
+        by_symbol = materials[int(node.xmlnode.get(_NUMBER))]
         for primitive in node.geometry.primitives:
             if isinstance(primitive, collada.polylist.Polylist):
                 primitive = _triangulate(primitive)
             if isinstance(primitive, collada.triangleset.TriangleSet) and len(primitive):
                 count += len(primitive)
                 check_size(count, len(meshes) + 1)
-                appearance = by_symbol.get(primitive.material, Appearance())
-                mesh = _make_mesh(primitive, appearance).apply_affine(metres @ placed)
+                material = by_symbol.get(primitive.material, MeshMaterial())
+                mesh = _make_mesh(primitive, material).apply_affine(metres @ placed)
                 meshes.append(replace(mesh, name=name))
     if not meshes:
         raise DescriptionError("the scene contains no triangles")
@@ -125,12 +125,12 @@ def _parse_root(data: bytes) -> Element:
 
 
 def _bind_materials(
-    root: Element, materials: dict[str, Appearance]
-) -> list[dict[str, Appearance]]:
-    """Number the elements <instance_geometry>, and return the appearances that each one uses.
+    root: Element, materials: dict[str, MeshMaterial]
+) -> list[dict[str, MeshMaterial]]:
+    """Number the elements <instance_geometry>, and return the materials that each one uses.
 
     Returns:
-        For each element, the appearances by the symbols in its geometry.
+        For each element, the materials by the symbols in its geometry.
     """
     found = []
     for instance in root.iter("instance_geometry"):
@@ -141,7 +141,7 @@ def _bind_materials(
             if target not in materials:
                 _log.warning("material '%s' is drawn grey: the file does not contain it",
                              safe_xml.shorten(target))
-            by_symbol[binding.get("symbol")] = materials.get(target, Appearance(GREY))
+            by_symbol[binding.get("symbol")] = materials.get(target, MeshMaterial(GREY))
         found.append(by_symbol)
     return found
 
@@ -241,7 +241,7 @@ def _triangulate(polygons: collada.polylist.Polylist) -> collada.triangleset.Tri
     return polygons.triangleset()
 
 
-def _make_mesh(triangles: collada.triangleset.TriangleSet, appearance: Appearance) -> Mesh:
+def _make_mesh(triangles: collada.triangleset.TriangleSet, material: MeshMaterial) -> Mesh:
     """Return a mesh of the triangles in the frame and unit of their geometry."""
     index = np.full((*triangles.vertex_index.shape, 3), -1)
     index[..., 0] = triangles.vertex_index
@@ -252,4 +252,4 @@ def _make_mesh(triangles: collada.triangleset.TriangleSet, appearance: Appearanc
     if triangles.normal is not None:
         normals = triangles.normal
         index[..., 2] = triangles.normal_index
-    return from_indices(index, triangles.vertex, uv, normals, *appearance)
+    return from_indices(index, triangles.vertex, uv, normals, *material)

@@ -20,15 +20,15 @@ from .mesh import GREY, find_texture
 _log = logging.getLogger(__name__)
 
 
-class Appearance(NamedTuple):
+class MeshMaterial(NamedTuple):
     """Diffuse colour and texture file of a material; each is None if the material has none."""
 
     rgba: Rgba | None = None
     texture: str | None = None
 
 
-def read_materials(root: Element, folder: Path) -> dict[str, Appearance]:
-    """Return the appearances of the materials of a file by their ids.
+def read_materials(root: Element, folder: Path) -> dict[str, MeshMaterial]:
+    """Return the materials that the scene of a file uses, by their ids.
 
     A material that cannot be read is drawn grey, and the reason is logged.
 
@@ -38,9 +38,12 @@ def read_materials(root: Element, folder: Path) -> dict[str, Appearance]:
     """
     effects = {effect.get("id"): effect for effect in root.iterfind("library_effects/effect")}
     images = {image.get("id"): image for image in root.iterfind("library_images/image")}
+    used = {binding.get("target") for binding in root.iter("instance_material")}
     materials = {}
     for material in root.iterfind("library_materials/material"):
         name = material.get("id") or ""
+        if f"#{name}" not in used:
+            continue
         instance = material.find("instance_effect")
         url = "" if instance is None else instance.get("url") or ""
         effect = effects.get(url.removeprefix("#"))
@@ -50,25 +53,25 @@ def read_materials(root: Element, folder: Path) -> dict[str, Appearance]:
             materials[name] = _read_effect(effect, images, folder, f"material '{shorten(name)}'")
         except DescriptionError as error:
             _log.warning("material '%s' is drawn grey: %s", shorten(name), error.fault)
-            materials[name] = Appearance(GREY)
+            materials[name] = MeshMaterial(GREY)
     return materials
 
 
 def _read_effect(
     effect: Element, images: dict[str | None, Element], folder: Path, where: str
-) -> Appearance:
+) -> MeshMaterial:
     diffuse = effect.find("profile_COMMON/technique/*/diffuse")
     if diffuse is None:
-        return Appearance()
+        return MeshMaterial()
     colour, texture = find_text(diffuse, "color"), diffuse.find("texture")
     if colour is not None:
         count = 3 if len(colour.split()) == 3 else 4  # the opacity is ignored
-        return Appearance((*parse_numbers(colour, count, "<diffuse>: color")[:3], 1.0))
+        return MeshMaterial((*parse_numbers(colour, count, "<diffuse>: color")[:3], 1.0))
     if texture is None:
         raise DescriptionError("<diffuse> has neither <color> nor <texture>")
     path = _find_image(texture.get("texture") or "", effect, images)
     file = find_texture(folder, path, where)
-    return Appearance(None if file else GREY, file)
+    return MeshMaterial(None if file else GREY, file)
 
 
 def _find_image(reference: str, effect: Element, images: dict[str | None, Element]) -> str:

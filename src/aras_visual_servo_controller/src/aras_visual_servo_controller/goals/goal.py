@@ -339,7 +339,7 @@ class Goal:
         if missing:
             raise ConfigurationError(
                 f"{self.name} has no value for the joint(s) {', '.join(missing)}; it has "
-                f"{', '.join(self.joints)}: check that the goal belongs to this arm"
+                f"{', '.join(self.joints)}: give a goal of this robot"
             )
         return np.array([self.joints[n] for n in names], float)
 

@@ -1,20 +1,22 @@
 """The command line as a whole: one experiment, its name where pip installs it, its examples."""
 
+import contextlib
 import io
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from aras_visual_servo_base import compile_packages
 from aras_visual_servo_bench import BenchError, Experiment, run, run_study
 from aras_visual_servo_bench.cli import main
 from aras_visual_servo_bench.cli.arguments import EXAMPLES, make_parser
-
-SOURCES = Path(__file__).parents[3] / "src"
+from aras_visual_servo_bench.cli.compilation import COMPILED_PACKAGES
 
 
 @pytest.fixture
@@ -24,14 +26,9 @@ def experiment(tmp_path):
     return path
 
 
-def run_python(words, paths=sys.path, **changes):
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths)), **changes}
-    return subprocess.run([sys.executable, *words], capture_output=True, text=True, env=environment)
-
-
 def test_an_experiments_file_is_run_with_what_the_command_line_changes(experiment, capsys):
     images = []
-    for gain in (2.0, 4.0):
+    for gain in (3.0, 6.0):
         assert main(["run", str(experiment), f"gain={gain}"]) == 0
         told = capsys.readouterr().out
         assert told.startswith("\nmine:\n  Target reached           yes"), told
@@ -43,29 +40,30 @@ def test_an_experiments_file_is_run_with_what_the_command_line_changes(experimen
 
 
 def test_a_file_may_be_named_like_an_override_and_its_report_is_where_out_says(
-    experiment, tmp_path, capsys
+    experiment, tmp_path, monkeypatch
 ):  # fmt: skip
-    path, out = experiment.rename(experiment.with_name("gain=4.yaml")), tmp_path / "report"
-    assert main(["run", str(path), "duration=0.3", "--out", str(out)]) == 0
-    printed = capsys.readouterr().out
-    assert printed.startswith("\ngain=4:\n") and f"the page is {out / 'report.html'}" in printed
-    assert json.loads((out / "summary.json").read_text())["name"] == "gain=4"
-    assert main(["run", "duration=0.2"]) == 0  # the demo's experiment
-    printed = capsys.readouterr().out
+    """Names that are no UTF-8 are written and printed."""
+    path, out = experiment.rename(tmp_path / "bad\udcff<b>$x$=4.yaml"), tmp_path / "out\udcff"
+
+    def output(*words):
+        """Return what a command prints to a terminal that takes only valid text."""
+        stream = io.TextIOWrapper(io.BytesIO(), "utf-8", errors="strict")
+        monkeypatch.setattr(sys, "stdout", stream)
+        assert main(list(map(str, words))) == 0
+        stream.flush()
+        return stream.buffer.getvalue().decode()
+
+    printed = output("analyze", path, "--out", out, "--formats", "")
+    assert printed.startswith("\nbad?<b>$x$=4:\n")
+    assert f"the page is {tmp_path / 'out?' / 'report.html'}" in printed
+    assert json.loads((out / "summary.json").read_text())["name"] == "bad?<b>$x$=4"
+    assert "bad?&lt;b&gt;$x$" in (out / "report.html").read_text()
+    printed = output("run", path, "duration=0.2", "--out", tmp_path / "run")
+    assert printed.startswith("\nbad?<b>$x$=4:\n") and (tmp_path / "run/report.html").exists()
+    printed = output("run", "duration=0.2")  # the demo's experiment
     assert "demo:\n  Target reached           NO: " in printed
     assert "\nno report was written; --out DIR writes one: " in printed
-    assert main(["run", "duration=0.2", "--no-report"]) == 0
-    assert "--out" not in capsys.readouterr().out
-
-
-def test_names_that_are_no_text_are_written_and_printed(tmp_path):
-    given, out = tmp_path / "bad\udcff<b>$x$.yaml", tmp_path / "out\udcff"  # are no UTF-8
-    given.write_text("plant: free\nduration: 0.3\n")
-    done = run_python(["-m", "aras_visual_servo_bench", "analyze", given, "--out", out,
-                       "--formats", ""], PYTHONIOENCODING="utf-8:strict")  # fmt: skip
-    assert done.returncode == 0 and "bad?<b>$x$:" in done.stdout, done.stderr
-    page = (out / "report.html").read_text()
-    assert "bad?&lt;b&gt;$x$" in page and json.loads((out / "summary.json").read_text())["name"]
+    assert "--out" not in output("run", "duration=0.2", "--no-report")
 
 
 @pytest.mark.parametrize(("words", "told"), [
@@ -88,50 +86,41 @@ def test_pips_program_names_itself(monkeypatch, capsys):
         options.carry_out(options)
 
 
-# Numba finds all functions in its own cache; of those of one package, no copy is in another folder.
-PROGRAM = """import contextlib, os, shlex, sys
-from aras_visual_servo_base import compile_packages
-from aras_visual_servo_base.compiled import import_numba
-from aras_visual_servo_bench.cli import main
-from aras_visual_servo_bench.cli.compilation import COMPILED_PACKAGES
-import_numba()
-os.environ["NUMBA_CACHE_DIR"] = "cache"
-for package in COMPILED_PACKAGES[:-1]:
-    for path in compile_packages.find_sources(package):
-        sources = (compile_packages.find_folder(package) / path).parent
-        folder = compile_packages.find_cache_folder(sources)
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / f"{path.stem}.function.nbi").touch()
-for command in sys.argv[1:]:
-    program, *words = shlex.split(command)
-    sys.argv = ["/home/me/venv/bin/" + program]
-    print("$", command, file=sys.stderr, flush=True)
-    with contextlib.suppress(SystemExit):
-        main(words)
-"""
-
-
-def test_pips_program_compiles_before_it_simulates_and_at_no_other_time(tmp_path, monkeypatch):
+def test_pips_program_compiles_before_it_simulates_and_at_no_other_time(
+    tmp_path, monkeypatch, capsys
+):  # fmt: skip
     (tmp_path / "study.yaml").write_text(
         "experiment: {plant: free, features: exact, duration: 0.1}\nrepeats: 2\n")
     run_study(tmp_path / "study.yaml", tmp_path / "done")
-    simulating = [f"aras-servo {words}" for words in (
-        "run plant=free features=exact duration=0.1", "run study.yaml --dry-run",
-        "run study.yaml --out out --in-process --no-report", "show done 0",
-        "analyze done:0 --out page --formats ''")]  # fmt: skip
-    others = [f"aras-servo {words}" for words in (
-        "run --help", "table /nowhere", "fly", "run /nowhere.yaml", "run duration=long")]
-    # The set-up has compiled what the workspace's program needs.
-    others.append("bench run plant=free features=exact duration=0.1")
+    simulating = ("run plant=free features=exact duration=0.1", "run study.yaml --dry-run",
+                  "run study.yaml --out out --in-process --no-report", "show done 0",
+                  "analyze done:0 --out page --formats ''")  # fmt: skip
+    others = ("run --help", "table /nowhere", "fly", "run /nowhere.yaml", "run duration=long")
     monkeypatch.chdir(tmp_path)
-    done = run_python(["-c", PROGRAM, *others, *simulating], map(str, SOURCES.glob("*/src")))
-    told = dict(part.split("\n", 1) for part in done.stderr.split("$ ")[1:])
-    assert set(told) == {*others, *simulating}
+    # Numba finds all functions in its own cache; of those of one package, no copy is in this one.
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "cache")
+    for package in COMPILED_PACKAGES[1:]:
+        for path in compile_packages.find_sources(package):
+            sources = (compile_packages.find_folder(package) / path).parent
+            folder = compile_packages.find_cache_folder(sources)
+            folder.mkdir(parents=True, exist_ok=True)
+            (folder / f"{path.stem}.function.nbi").touch()
+
+    def errors(program, command):
+        """Return the lines that a command prints to stderr."""
+        capsys.readouterr()
+        monkeypatch.setattr(sys, "argv", [f"/home/me/venv/bin/{program}"])
+        with contextlib.suppress(SystemExit):
+            main(shlex.split(command))
+        return capsys.readouterr().err.splitlines()
+
     for command in simulating:
-        first, second, *_ = told[command].splitlines()
+        first, second, *_ = errors("aras-servo", command)
         assert first == "compiling before the first simulation, which takes one or two minutes"
         assert second.startswith("compiled in "), (command, second)
-    assert not any("compil" in told[command] for command in others)
+    # The set-up has compiled what the workspace's program needs.
+    for program, command in (*(("aras-servo", one) for one in others), ("bench", simulating[0])):
+        assert "compil" not in "".join(errors(program, command))
 
 
 def test_each_command_is_listed_and_shows_an_example_that_it_understands(capsys):
@@ -214,17 +203,21 @@ def test_an_interaction_matrix_is_checked(words, code, said, told, tmp_path, mon
     assert told in (err.splitlines() or [""])[-1] and bool(told) is bool(err)
 
 
-@pytest.mark.parametrize(("words", "missing", "told"), [
-    (["browse", "x"], "tornado", "tornado.ioloop is not installed: run ./setup.sh; without ROS, p"),
-    (["table", "x"], "pyarrow", "without ROS, pip install '.[bench]' in the folder of the sources"),
-    (["analyze", "{}", "--out", "o"], "rosbag", "reading a bag needs ROS's Python p"),
-    (["convert", "{}"], "mcap", "convert needs the Python packages of ROS and mcap, see ./setup.s"),
-])  # fmt: skip
-def test_what_needs_a_library_that_is_missing_says_so(words, missing, told, tmp_path):
+def test_what_needs_a_library_that_is_missing_says_so(tmp_path):
     (tmp_path / "a.bag").write_text("")
-    program = (f"import sys; sys.modules[{missing!r}] = None\n"
-               "from aras_visual_servo_bench.cli import main\nsys.exit(main())")
-    done = run_python(["-c", program, *(word.format(tmp_path / "a.bag") for word in words)])
-    assert done.returncode == 1
-    said = done.stderr.strip().splitlines()[-1]
-    assert said.startswith("bench: ") and told in said
+    cases = {
+        "browse x": ("tornado", "tornado.ioloop is not installed: run ./setup.sh; without ROS, p"),
+        "table x": ("pyarrow", "without ROS, pip install '.[bench]' in the folder of the sources"),
+        "analyze a.bag --out o": ("rosbag", "reading a bag needs ROS's Python p"),
+        "convert a.bag": ("mcap", "convert needs the Python packages of ROS and mcap, see ./set")}
+    program = (
+        "import sys\nfrom aras_visual_servo_bench.cli import main\n"
+        f"for words, missing in {[(words, one[0]) for words, one in cases.items()]}:\n"
+        "    sys.modules[missing] = None\n    print(main(words.split()))\n"
+        "    del sys.modules[missing]\n")
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))})  # fmt: skip
+    assert done.stdout.split() == ["1"] * 4, done.stderr
+    said = [line for line in done.stderr.splitlines() if line.startswith("bench: ")]
+    assert all(told in line for line, (_, told) in zip(said, cases.values(), strict=True)), said

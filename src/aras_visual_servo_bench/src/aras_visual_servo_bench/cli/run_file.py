@@ -13,6 +13,7 @@ from ..errors import ExperimentError, StudyError
 from ..experiment import overrides
 from ..experiment.experiment import Experiment
 from ..experiment.experiment_keys import check_key
+from ..metrics.formatting import make_printable
 from ..runner import loop
 from ..studies.study import Study
 from . import analyze, compilation
@@ -63,7 +64,9 @@ def _run_experiment(experiment: Experiment, options: argparse.Namespace) -> int:
     if options.no_report and options.out is not None:
         raise StudyError("--out is the folder of an experiment's report, and --no-report writes no "
                          "report: leave out one of them")  # fmt: skip
-    name, source = ("demo", "") if options.study is None else (options.study.stem, options.study)
+    name, source = ("demo", "") if options.study is None else (
+        make_printable(options.study.stem), make_printable(options.study)
+    )  # fmt: skip
     out = options.out
     compilation.prepare_simulation()
     if out is None:
@@ -73,7 +76,7 @@ def _run_experiment(experiment: Experiment, options: argparse.Namespace) -> int:
         # this import takes 0.3 s, and only an experiment with a report needs it
         from ..studies import replay
 
-        run = replay.run_with_images(experiment, name, str(source))
+        run = replay.run_with_images(experiment, name, source)
     analyze.write_reports([run], out)
     if out is None and not options.no_report:
         print("\nno report was written; --out DIR writes one: a page with curves, images and "

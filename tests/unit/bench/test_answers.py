@@ -8,7 +8,8 @@ from aras_visual_servo_bench.experiment.experiment import TargetSpec
 from aras_visual_servo_controller.observation.frame import Frame
 
 LATE = {"controller_parameters": {"lead": 0.002, "lag": 0.001}}
-ENDS = {"duration": 4.0, "time_after_convergence": 0.1, "controller_parameters": {"hold": 0.2}}
+ENDS = {"duration": 4.0, "time_after_convergence": 0.1, "gain": 8.0,
+        "controller_parameters": {"hold": 0.1}}  # fmt: skip
 RUNS = {
     "as shipped": {},
     "two answers under way": {"delay": 0.06},
@@ -40,7 +41,7 @@ def finish(experiment, **watched):
 
 @pytest.mark.parametrize("options", RUNS.values(), ids=RUNS)
 def test_a_run_is_the_same_to_the_bit_whoever_answers_the_joint_states(options):
-    experiment = Experiment(**{"duration": 0.8, "time_after_convergence": None, **options})
+    experiment = Experiment(**{"duration": 0.4, "time_after_convergence": None, **options})
     heard = []
     joined = finish(experiment)
     single = finish(experiment, on_joint_state=lambda loop, reading: heard.append(reading.stamp))

@@ -291,14 +291,17 @@ def wait_for_report(reports, seen, run):
     return found
 
 
-def test_a_report_is_computed_once_and_again_only_where_the_row_is_newer(real, seen, monkeypatch):
-    part = real.find_part(1)
+def test_a_report_is_computed_once_and_again_only_where_the_row_is_newer(
+    real, seen, monkeypatch, program
+):  # fmt: skip
+    """What the real program writes: test_browse_browser."""
+    part, page = real.find_part(1), real.path / "show-1" / "report.html"
+    program('sleep 0.2; mkdir "$6"; echo "$*" > "$6/report.html"')
     with contextlib.closing(Reports()) as reports:
         assert reports.find_or_start(seen, 1) == 0.0
-        page = wait_for_report(reports, seen, 1)
-    assert page == real.path / "show-1" / "report.html"
-    text = page.read_text()
-    assert f"{real.path.name}:1" in text and "differs from the stored result" not in text
+        assert wait_for_report(reports, seen, 1) == page
+    words = f"-m aras_visual_servo_bench analyze {real.path}:1 --out {page.parent} --formats \n"
+    assert page.read_text() == words
     with monkeypatch.context() as held:
         held.setattr(subprocess, "Popen", None)  # not computed again
         assert Reports().find_or_start(seen, 1) == page
@@ -367,33 +370,40 @@ def test_a_folder_or_an_address_that_is_none_is_named(folder, capsys):
     assert f"there is no folder {folder / 'none'}" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("display", "more", "is_opened"), [
-    ({}, [], False), ({"DISPLAY": ":0"}, [], True),
-    ({"WAYLAND_DISPLAY": ":0"}, ["--no-open"], False),
-])  # fmt: skip
 def test_the_command_opens_the_page_in_a_browser_and_ends_by_interrupt(
-    folder, tmp_path, display, more, is_opened
-):
+    folder, tmp_path
+):  # fmt: skip
     opened, browser = tmp_path / "opened", tmp_path / "browser"
     browser.write_text(f'#!/bin/sh\necho "$1" > {opened}\n')
     browser.chmod(0o755)
-    without = {k: v for k, v in os.environ.items() if "DISPLAY" not in k}
+    program = """import os, sys
+from aras_visual_servo_bench.cli import main
+for display, *more in ("DISPLAY",), ("WAYLAND_DISPLAY", "--no-open"), ("NONE",):
+    os.environ.pop("DISPLAY", None)
+    os.environ.pop("WAYLAND_DISPLAY", None)
+    os.environ[display] = ":0"
+    print("status", main(["browse", sys.argv[1], *more]), flush=True)
+"""
     child = subprocess.Popen(
-        [sys.executable, "-m", "aras_visual_servo_bench", "browse", str(folder), *more],
+        [sys.executable, "-c", program, str(folder)],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        env={**without, **display, "BROWSER": str(browser),
-             "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        env={**{k: v for k, v in os.environ.items() if "DISPLAY" not in k},
+             "BROWSER": str(browser), "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
     )  # fmt: skip
     try:
-        text = "".join(itertools.takewhile(lambda line: "Ctrl-C" not in line, child.stdout))
-        address = re.search(r"at (http://127\.0\.0\.1:\d+/\?token=\S+)", text)
-        assert address and "first: 30 of 30 runs" in text
-        assert ("cannot open a browser" in text) is not bool(display)
-        assert opened.exists() is is_opened
-        assert not is_opened or opened.read_text().strip() == address[1]
-        with urlopen(address[1], timeout=20) as answer:
-            assert answer.status == 200
-        child.send_signal(2)
+        for is_opened, is_display in ((True, True), (False, True), (False, False)):
+            text = "".join(itertools.takewhile(lambda line: "Ctrl-C" not in line, child.stdout))
+            address = re.search(r"at (http://127\.0\.0\.1:\d+/\?token=\S+)", text)
+            assert address and "first: 30 of 30 runs" in text
+            assert ("cannot open a browser" in text) is not is_display
+            assert opened.exists() is is_opened
+            if is_opened:
+                assert opened.read_text().strip() == address[1]
+                opened.unlink()
+            with urlopen(address[1], timeout=20) as answer:
+                assert answer.status == 200
+            child.send_signal(2)
+            assert child.stdout.readline() == "status 0\n"
         assert child.wait(20) == 0
     finally:
         child.kill()

@@ -36,7 +36,7 @@ def find_pixels(found):
 @pytest.mark.parametrize("name", DICTIONARIES)
 def test_markers_of_every_dictionary_are_found(name):
     side = 10 * DICTIONARIES[name]
-    image = drawn((f"{name}:7", side, 200, 150))
+    image = drawn((f"{name}:7", side, 200, 150), shape=(300, 400))
     corners = np.array([(0, 0), (side, 0), (side, side), (0, side)]) + (199.5, 149.5)
     searched = name in SEARCHED_DICTIONARIES or not name.startswith(("DICT_4X4", "DICT_APRIL"))
     for given in (f"{name}:7", name.removeprefix("DICT_").lower(), *(["", "7"] * searched)):
@@ -100,7 +100,8 @@ def test_a_board_has_the_same_corners_whichever_of_its_markers_are_in_view():
 def test_corners_of_a_marker_err_as_its_rim_s_edges_scatter():
     random, given = np.random.default_rng(3), "DICT_5X5_100:7"
     tracker = MarkerTracker(MarkerChoice.read(given))
-    image = cv2.GaussianBlur(drawn((given, 90, 250, 200)), (0, 0), 0.8).astype(float)
+    image = drawn((given, 90, 250, 200), shape=(320, 400))
+    image = cv2.GaussianBlur(image, (0, 0), 0.8).astype(float)
     points, spreads = [], []
     for _ in range(25):
         noisy = np.clip(0.8 * image + 20.0 + 8.0 * random.normal(size=image.shape), 0, 255)
@@ -128,7 +129,7 @@ def test_moments_are_of_the_chosen_marker():
     assert not missing.valid and f"marker 5 of {APRIL} is not in view" in missing.reason
 
 
-FREE = {"plant": "free", "features": "images", "gain": 2.0,
+FREE = {"plant": "free", "features": "images", "gain": 4.0,
         "goal": {"pose": [0, 0, 0.4, np.pi, 0, 0]}}  # fmt: skip
 
 
@@ -141,8 +142,8 @@ def test_the_loop_keeps_to_its_marker(tmp_path, given, number):
     cv2.imwrite(str(path), drawn((f"{APRIL}:5", 300, 100, 100), (f"{APRIL}:0", 300, 600, 100),
                                  shape=(500, 1000)))  # fmt: skip
     experiment = Experiment(
-        controller_parameters={"tracker": "marker"}, scheme="numbered_points", duration=6.0,
-        camera={"width": 640, "height": 480, "horizontal_fov": 1.05},
+        controller_parameters={"tracker": "marker"}, scheme="numbered_points", duration=3.0,
+        camera={"width": 320, "height": 240, "horizontal_fov": 1.05, "update_rate": 15.0},
         target={"shape": str(path), "size": [0.24, 0.12], **given},
         start={"pose": [0.02, -0.02, 0.45, 3.1, 0.05, 1.6]}, **FREE,
     )  # fmt: skip

@@ -8,6 +8,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import distributed
 import numpy as np
 import pytest
 
@@ -31,15 +32,24 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_a_study_runs_itself(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+def test_a_study_runs_itself(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
     study = Study.from_mapping(STUDY)
     stored, alone = study.run(folder, progress=False), study.run(progress=False)
     assert capsys.readouterr().err == ""
     assert stored.name == "mine" and alone.name == "study"
     assert stored.read_column("final_distance") == alone.read_column("final_distance")
-    parallel = study.run(tmp_path / "parallel", workers=2)
+    again = study.run(tmp_path / "again")
     assert "4/4 runs" in capsys.readouterr().err
-    assert parallel.read_column("final_distance") == alone.read_column("final_distance")
+    assert again.read_column("final_distance") == alone.read_column("final_distance")
+
+    def refuse(n_workers: int, **_: object) -> None:
+        raise ValueError(f"{n_workers} workers")
+
+    monkeypatch.setattr(distributed, "LocalCluster", refuse)
+    with pytest.raises(ValueError, match="^2 workers$"):  # of real workers: test_cluster
+        study.run(tmp_path / "parallel", workers=2)
     frame = stored.to_pandas()
     assert list(frame["gain"]) == stored.read_column("gain")
     assert frame.attrs["units"] == {"gain": "1/s", "final_distance": "m"}
@@ -82,7 +92,7 @@ def test_studies_and_their_results_are_described_in_few_lines(folder: Path) -> N
 
 
 def test_the_results_of_two_studies_are_compared(folder: Path) -> None:
-    base = {**STUDY, "repeats": 20, "seeds": "repeats"}
+    base = {**STUDY, "repeats": 8, "seeds": "repeats"}
     first = Study.from_mapping(base).run(progress=False)
     longer = {**QUICK, "duration": 0.5}
     second = Study.from_mapping({**base, "experiment": longer}).run(progress=False)

@@ -11,18 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from aras_visual_servo_bench.cli.arguments import EXAMPLES
-
 SOURCES = Path(__file__).parents[3] / "src"
 BENCH = "aras_visual_servo_bench"
-RUN = """
-import sys
-from aras_visual_servo_bench.experiment.experiment import Experiment
-from aras_visual_servo_bench.runner.loop import run
-done = run(Experiment(**eval(sys.argv[1])))
-assert len(done.stamp) > 4 and "simulated time" in repr(done)
-print(*sys.modules)
-"""
 # What a run of a free camera with exact features does without.
 UNNEEDED = (
     "pybullet", "aras_sim_bridge.world", "aras_sim_bridge.control", "aras_sim_bridge.control_cycle",
@@ -43,65 +33,58 @@ RARE = (
     "aras_visual_servo_camera.model_tracker", f"{BENCH}.learning", f"{BENCH}.web")  # fmt: skip
 # Modules of the project, packages included; they have at most 400 lines each.
 MOST_MODULES = 195
-def outcome(script: str, *words: str) -> subprocess.CompletedProcess[str]:
-    """Run a script in a process of its own, with all packages of the workspace on its path."""
+FILES_AND_FIGURES = ("scipy.stats", "pandas", "pyarrow", "matplotlib", "dask")
+# Each part prints the modules that have been imported up to its end.
+PARTS = {
+    "help": """from aras_visual_servo_bench.cli import main
+from aras_visual_servo_bench.cli.arguments import EXAMPLES
+for words in ["--help"], *([name, "--help"] for name in EXAMPLES):
+    with contextlib.suppress(SystemExit):
+        main(words)
+""",
+    "run": """from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.runner.loop import run
+done = run(Experiment(plant="free", duration=0.3))
+assert len(done.stamp) > 4 and "simulated time" in repr(done)
+""",
+    "command": "main(['run', 'plant=free', 'features=exact', 'duration=0.2'])",
+    "scheme": "run(Experiment(plant='free', scheme='predictive', duration=0.2))",
+    "images": "run(Experiment(plant='free', features='images', target='poster', duration=0.2))",
+    "arm": "assert len(run(Experiment(duration=0.3)).stamp) > 4"}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def imported() -> dict[str, set[str]]:
+    """Names of the imported modules after each part of `PARTS`, all in one new process."""
+    script = "import contextlib, sys\n" + "".join(
+        f"{part}\nprint(*sys.modules, file=sys.stderr)\n" for part in PARTS.values())
     folders = os.pathsep.join(str(folder) for folder in sorted(SOURCES.glob("*/src")))
     search = os.pathsep.join(filter(None, [folders, os.environ.get("PYTHONPATH")]))
-    return subprocess.run(
-        [sys.executable, "-c", script, *words], capture_output=True, text=True, timeout=180,
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=180,
         env={**os.environ, "PYTHONPATH": search, "MPLBACKEND": "agg"})  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    lines = [line for line in done.stderr.splitlines() if line.startswith("sys builtins ")]
+    return {part: set(line.split()) for part, line in zip(PARTS, lines, strict=True)}
 
 
-COMMANDS = """
-import sys
-from aras_visual_servo_bench.cli import main
-for command in sys.argv[1:]:
-    try:
-        main(command.split())
-    except SystemExit:
-        pass
-print(*sys.modules, file=sys.stderr)
-"""
-
-
-FILES_AND_FIGURES = ("scipy.stats", "pandas", "pyarrow", "matplotlib", "dask")
-
-
-def imported_by(*commands: str) -> set[str]:
-    done = outcome(COMMANDS, *commands)
-    assert done.returncode == 0 and done.stdout, done.stderr
-    return set(done.stderr.splitlines()[-1].split())
-
-
-@pytest.mark.parametrize(("settings", "needed", "others"), [
-    ({"plant": "free"}, (), UNNEEDED),
-    ({"plant": "free", "scheme": "predictive"},
-     ("aras_visual_servo_controller.schemes.predictive",), ()),
-    ({"plant": "free", "features": "images", "target": "poster"},
-     ("aras_sim_bridge.rendering.renderer",), ("pybullet",)),
-    ({"duration": 0.3}, (f"{CONTROLLERS}.forward", "aras_sim_bridge.world.world"), RARE)])
-def test_a_run_imports_what_it_needs(settings, needed, others) -> None:
+@pytest.mark.parametrize(("part", "needed", "others"), [
+    ("help", ("argparse",), ("numpy", "cv2", "numba", "scipy", *FILES_AND_FIGURES)),
+    ("run", (), UNNEEDED),
+    ("command", ("numba",), ("scipy.linalg", "asyncio", *FILES_AND_FIGURES)),
+    ("scheme", ("aras_visual_servo_controller.schemes.predictive",), ()),
+    ("images", ("aras_sim_bridge.rendering.renderer",), ("pybullet",)),
+    ("arm", (f"{CONTROLLERS}.forward", "aras_sim_bridge.world.world"), RARE)])  # fmt: skip
+def test_a_run_or_a_command_imports_what_it_needs(imported, part, needed, others) -> None:
     """A scheme by name brings its own module, images of a poster bring the renderer; grippers,
     trajectories, solid targets and their tracker are for those who have them."""
     assert all(find_spec(name) is not None for name in others)
-    done = outcome(RUN, repr({"duration": 0.5, **settings}))
-    assert done.returncode == 0, done.stderr
-    found = set(done.stdout.split())
+    found = imported[part] - (imported["help"] if part == "run" else set())
     assert not ({name.rpartition(".")[0] for name in found} | found) & set(others)
     assert found >= set(needed)
-    if others is UNNEEDED:  # the package itself tells the names of renderers
+    if part == "run":  # the package itself has the names of renderers
         assert not any(name.startswith("aras_sim_bridge.rendering.") for name in found)
-        assert len([name for name in found if name.startswith("aras_")]) <= MOST_MODULES
-
-
-@pytest.mark.parametrize(("commands", "needed", "others"), [
-    (["--help", *(f"{name} --help" for name in EXAMPLES)], "argparse",
-     ("numpy", "cv2", "numba", "scipy", *FILES_AND_FIGURES)),
-    (["run plant=free features=exact duration=0.2"], "numba",
-     ("scipy.linalg", "asyncio", *FILES_AND_FIGURES))])  # fmt: skip
-def test_a_command_imports_neither_files_of_studies_nor_figures(commands, needed, others) -> None:
-    found = imported_by(*commands)
-    assert needed in found and found.isdisjoint(others)
+        assert len([name for name in imported["run"] if name.startswith("aras_")]) <= MOST_MODULES
 
 
 # As in a virtual environment without --system-site-packages: -I and -S leave Debian's folders out.
@@ -129,7 +112,7 @@ from aras_visual_servo_bench.runner.environment import ServoEnv
 from aras_visual_servo_bench.runner.loop import run
 bullet = run(Experiment(duration=0.2))
 assert len(bullet.stamp) > 4, bullet
-assert run(Experiment(plant="free")).verdict.is_reached
+assert run(Experiment(plant="free", gain=4.0, duration=3.0)).verdict.is_reached
 foreign = [n for n in sys.modules if n.split(".")[0] in (
     "rospy", "rospkg", "genpy", "catkin", "catkin_pkg", "std_msgs", "sensor_msgs", "angles", "tf",
     "pinocchio")]

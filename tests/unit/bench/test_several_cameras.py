@@ -44,7 +44,7 @@ def flying(**changes):
     return Experiment.from_mapping({
         "plant": "free", "features": "exact", "target": {"shape": SHAPE}, "goal": posed(GOAL),
         "start": posed(GOAL @ exponential((0.01, 0.005, -0.03, 0.02, 0.03, 0.2))),
-        "duration": 8.0, "time_after_convergence": 0.0, "gain": 2.0, "scheme": BOTH,
+        "duration": 8.0, "time_after_convergence": 0.0, "gain": 4.0, "scheme": BOTH,
         "cameras": two(), **changes})  # fmt: skip
 
 
@@ -59,7 +59,7 @@ def test_two_cameras_of_a_flying_rig_reach_their_goal(scheme):
     result = run(flying(scheme=scheme, features="images"))
     assert result.converged and result.verdict.is_reached, (result.outcome, result.reason)
     assert set(result.outcomes) <= {"running", result.outcome}
-    assert result.compute_settling_time() < 2.0
+    assert result.compute_settling_time() < 1.0
 
 
 @pytest.mark.parametrize(("plant", "features"), [("chain", "images"), ("bullet", "exact")])
@@ -67,14 +67,14 @@ def test_two_cameras_of_an_arm_reach_their_goal(plant, features):
     result = run(armed(plant=plant, features=features))
     assert result.outcome == "converged" and result.verdict.is_reached, result.reason
     right = result.cameras["right"]
-    assert len(right.stamp) >= len(result.stamp) > 90
+    assert len(right.stamp) >= len(result.stamp) > 40
     distance, angle = pose_difference(result.pose[0], right.pose[0])
     assert 0.04 < distance < 0.07 and 0.1 < angle < 0.25
 
 
 @pytest.mark.parametrize("right", [{"rate": 47.0}, {"rate": 7.0, "delay": 0.07}, {"delay": 0.25}])
 def test_other_rates_and_delays_are_made_up_for(right):
-    experiment = flying(cameras=two(right=right), gain=4.0 if "rate" in right else 1.0)
+    experiment = flying(cameras=two(right=right), gain=2.0 if "rate" in right else 1.0)
     result = run(experiment)
     assert result.outcome == "converged" and result.verdict.is_reached, result.reason
     assert "wrong_camera_model" not in result.outcomes
@@ -88,9 +88,9 @@ def test_other_rates_and_delays_are_made_up_for(right):
 def test_a_dictionary_of_one_camera_is_that_camera():
     off = {"focal": 1.1, "rpy": [0.0, 0.05, 0.1]}
     named = run(armed(cameras={"only": {"model": LEFT, "calibration_offset": off}},
-                      scheme="points", duration=2.0))  # fmt: skip
+                      scheme="points", duration=0.5))  # fmt: skip
     plain = run(armed(cameras={}, camera=LEFT, calibration_offset=off, scheme="points",
-                      duration=2.0))  # fmt: skip
+                      duration=0.5))  # fmt: skip
     assert list(named.cameras) == ["only"] and list(plain.cameras) == ["camera"]
     for name in ("stamp", "pose", "measured_positions", "joint_commands", "error"):
         np.testing.assert_array_equal(getattr(named, name), getattr(plain, name))
@@ -149,7 +149,7 @@ OVERVIEW = {"model": RIGHT, "rate": 10.0, "pose": [0.1, 0.0, 0.95, 3.14, 0.0, 0.
 @pytest.mark.parametrize("plant", ["free", "bullet"])
 def test_a_camera_that_watches_changes_nothing_and_is_recorded(plant):
     make = flying if plant == "free" else armed
-    options = {"plant": plant, "features": "exact", "jitter": 0.2, "duration": 1.5}
+    options = {"plant": plant, "features": "exact", "jitter": 0.2, "duration": 0.7}
     alone = run(make(**options))
     watched = run(make(**options, cameras=two(overview=OVERVIEW)))
     np.testing.assert_array_equal(alone.measured_positions, watched.measured_positions)
@@ -223,4 +223,4 @@ def test_two_cameras_tell_the_depth(scheme, changes):
     result = run(flying(scheme=scheme, **changes))
     assert result.outcome.startswith("converged") and result.verdict.is_reached, result.reason
     assert "wrong_camera_model" not in result.outcomes
-    assert result.compute_settling_time() < 2.0
+    assert result.compute_settling_time() < 1.0

@@ -30,7 +30,7 @@ def _next_to_the_examples(monkeypatch):
 def asked(order=BOTH, left=None, **changes):
     cameras = {**ASKED["cameras"], "left": {**ASKED["cameras"]["left"], **(left or {})}}
     changes.setdefault("cameras", {name: cameras[name] for name in order})
-    return Experiment.from_mapping({**ASKED, "time_after_convergence": 0.0, **changes})
+    return Experiment.from_mapping({**ASKED, "gain": 4.0, "time_after_convergence": 0.0, **changes})
 
 
 @pytest.mark.parametrize(("order", "scheme"), [

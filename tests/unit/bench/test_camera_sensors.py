@@ -101,7 +101,7 @@ NOISY = {"row_time": 1e-4, "sensor": {"gain": 0.01, "full_well": 25e3, "read_noi
 def test_the_loop_converges_with_other_sensors(plant, camera):
     """A mosaic loses half of the edges' places: its corners are less exact, not its loop."""
     result = run(Experiment.from_mapping({
-        "plant": plant, "features": "images", "gain": 1.5, "time_after_convergence": 0.1,
+        "plant": plant, "features": "images", "gain": 3.0, "time_after_convergence": 0.1,
         "camera": {"horizontal_fov": 2.0, **camera},
     }))  # fmt: skip
     assert result.converged and result.verdict.distance < 1e-3

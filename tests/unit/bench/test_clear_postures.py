@@ -46,8 +46,8 @@ LAID = {"shape": "l_shape", "size": [0.08, 0.06]}
 def clear(request, tmp_path):
     """An experiment whose goal's first posture runs into something, and into what."""
     log_once.cache_clear()
-    keys = {"camera": {}, "scheme": "points", "features": "exact", "gain": 2.0,
-            "time_after_convergence": 0.3}  # fmt: skip
+    keys = {"camera": {}, "scheme": "points", "features": "exact", "gain": 4.0,
+            "time_after_convergence": 0.1}  # fmt: skip
     if request.param == "elbow":
         return Experiment(
             robot=write_arm(ELBOW, 0.0, tmp_path),
@@ -102,7 +102,7 @@ def test_joints_that_run_into_something_are_said_and_the_advice_names_it(clear, 
     with caplog.at_level(logging.WARNING):
         above = first - [0.0, 0.4, 0.0, 0.0, 0.0]  # what is in something already stays there
         result = run(
-            experiment.with_changes(goal=first.tolist(), start=above.tolist(), duration=3.0)
+            experiment.with_changes(goal=first.tolist(), start=above.tolist(), duration=2.0)
         )
     said = f"(link '{link}' of the arm is in '{other}'); give other joints"
     (note,) = result.notes

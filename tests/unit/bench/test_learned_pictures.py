@@ -87,11 +87,12 @@ def test_unseen_starts_converge():
         plant="ideal", features="exact", goal="2016", start=learned.TRAINING_STARTS, gain=2.0,
         scheme=BY_MOMENTS, duration=8.0, reached=(1e-3, 0.01), controller_parameters={"hold": 0.4},
     )  # fmt: skip
-    seeded = (experiment.with_changes(seed=seed) for seed in range(500, 505))
-    assert sum(run(one).verdict.is_reached for one in seeded) >= 4
+    seeded = (experiment.with_changes(seed=seed) for seed in range(500, 503))
+    assert all(run(one).verdict.is_reached for one in seeded)
     for seed in (71, 72):
-        done = run(Experiment(scheme=BY_POLICY, gain=1.5, start=policy.TRAINING_STARTS, seed=seed,
-                              reached=(0.005, np.radians(1.0))))  # fmt: skip
+        done = run(Experiment(
+            scheme=BY_POLICY, gain=3.0, start=policy.TRAINING_STARTS, seed=seed,
+            time_after_convergence=0.0, reached=(0.005, np.radians(1.0))))
         assert done.outcome == "converged" and done.verdict.is_reached, (seed, done.reason)
 
 

@@ -27,7 +27,8 @@ def asked(tmp_path):
         (tmp_path / "arm.urdf").write_text(text)
         robot = {"urdf": str(tmp_path / "arm.urdf"),
                  "config": str(EXAMPLES / "my_arm_controllers.yaml")}
-        return Experiment(robot=robot, target=target, goal=GOAL, start=START, gain=2.0,
+        return Experiment(robot=robot, target=target, goal=GOAL, start=START, gain=4.0,
+                          time_after_convergence=0.1,
                           **{"scheme": "moments", **keys})
     return made
 

@@ -290,9 +290,9 @@ def find_tried(key, one, plant):
         return tried[:1] if plant == "free" else []
     if plant == "bullet" and not key.startswith(LOOP_KEYS):
         return tried[-1:]  # its exact features are those of the other arm
-    if plant == "chain":
-        return [name for name in tried if name == "exact"]  # its images are those of `free`
-    return tried if plant == "free" and not key.startswith(LOOP_KEYS) else tried[:1]
+    if plant == "free":
+        return tried[:1] if key.startswith(LOOP_KEYS) else tried
+    return [] if key.startswith(("camera.", "target.")) else tried[:1]  # as on `free`
 
 
 @pytest.mark.parametrize("features", BOTH)

@@ -135,7 +135,7 @@ def test_what_cannot_be_applied_is_refused(change, why):
     ({}, "target_moves"),
     ({"target": {"shape": CORNERS}, "calibration_offset": {"rpy": [0, 0, 2.5]}},
         "wrong_camera_model"),
-    ({"target": {"shape": CORNERS}, "gain": 0.2, "duration": 3.0}, "timed_out"),
+    ({"target": {"shape": CORNERS}, "gain": 0.4, "duration": 1.5}, "timed_out"),
     ({"target": {"shape": CORNERS}, "delay": 0.3, "gain": 5.0}, "gain_too_high"),
     ({"target": {"shape": CORNERS, "occluder": [[-0.06, -0.06], [-0.01, 0.06]],
                  "occluded": [[0.5, 60.0]]}, "features": "images", "scheme": "moments"},

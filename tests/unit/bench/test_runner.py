@@ -62,7 +62,7 @@ def test_a_believed_focal_length_that_is_wrong_is_diagnosed(start):
 
 @pytest.mark.parametrize(("plant", "scheme", "twist", "duration"), [
     ("free", "points", (0.036, -0.048, 0.0, 0.0, 0.0, 0.0), 4.0),
-    ("free", "pose", (0.006, -0.008, 0.0, 0.0, 0.0, 0.0), 8.0),
+    ("free", "pose", (0.006, -0.008, 0.0, 0.0, 0.0, 0.0), 5.0),
     # A camera along or about whose axis the features do not move at all is no wrong camera.
     ("free", "points", (0.0, 0.0, 0.02, 0.0, 0.0, 0.0), 4.0),
     ("chain", "pose", (0.0, 0.0, 0.0, 0.0, 0.0, 0.1), 4.0)])  # fmt: skip
@@ -85,7 +85,7 @@ SLIGHT = RandomStart(height=(0.2, 0.3), side=0.02)
 def test_an_arm_without_roll_begins_at_every_heading():
     """Where a free camera begins with the same seed; the goal leans, by what no roll is missed."""
     headings = []
-    for seed in range(14):
+    for seed in range(10):
         ways = [assemble(Experiment(plant=plant, start=SLIGHT, seed=seed))
                 for plant in ("chain", "free")]  # fmt: skip
         chain, free = (parts.plant.read_pose() for parts in ways)

@@ -50,7 +50,14 @@ assert len(done.stamp) > 4 and "simulated time" in repr(done)
     "command": "main(['run', 'plant=free', 'features=exact', 'duration=0.2'])",
     "scheme": "run(Experiment(plant='free', scheme='predictive', duration=0.2))",
     "images": "run(Experiment(plant='free', features='images', target='poster', duration=0.2))",
-    "arm": "assert len(run(Experiment(duration=0.3)).stamp) > 4"}  # fmt: skip
+    "arm": "assert len(run(Experiment(duration=0.3)).stamp) > 4",
+    "figure": """import matplotlib
+matplotlib.use("svg")
+import matplotlib.pyplot as plt
+mine = plt.figure()
+done.plot()._repr_png_(), done._repr_html_()
+assert (matplotlib.get_backend(), plt.get_fignums(), plt.gcf() is mine) == ("svg", [1], True)
+"""}  # the user's backend and figures stay as they are
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +81,8 @@ def imported() -> dict[str, set[str]]:
     ("command", ("numba",), ("scipy.linalg", "asyncio", *FILES_AND_FIGURES)),
     ("scheme", ("aras_visual_servo_controller.schemes.predictive",), ()),
     ("images", ("aras_sim_bridge.rendering.renderer",), ("pybullet",)),
-    ("arm", (f"{CONTROLLERS}.forward", "aras_sim_bridge.world.world"), RARE)])  # fmt: skip
+    ("arm", (f"{CONTROLLERS}.forward", "aras_sim_bridge.world.world"), RARE),
+    ("figure", ("matplotlib",), ("pandas", "pyarrow", "dask"))])  # fmt: skip
 def test_a_run_or_a_command_imports_what_it_needs(imported, part, needed, others) -> None:
     """A scheme by name brings its own module, images of a poster bring the renderer; grippers,
     trajectories, solid targets and their tracker are for those who have them."""

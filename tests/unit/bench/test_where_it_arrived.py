@@ -139,7 +139,7 @@ def test_a_target_that_lies_elsewhere_is_what_the_camera_goes_by(goal, scheme, s
 def reported(**keys):
     """The states of a run before the 2016 goal whose target is moved after 3 s."""
     experiment = Experiment.from_mapping({
-        "plant": "chain", "features": "exact", "goal": "2016", "start": "2016", "duration": 9.0,
+        "plant": "chain", "features": "exact", "goal": "2016", "start": "2016", "duration": 7.0,
         "time_after_convergence": None, **keys})  # fmt: skip
     loop, states = Loop(experiment, assemble(experiment)), []
     while not loop.is_over:

@@ -390,9 +390,9 @@ def test_an_image_without_features_keeps_units_and_tolerances(host):
 
 
 def test_a_long_run_keeps_its_first_seconds(host):
-    """An exponential of 0.5 s, then noise of 1e-4 for 6 times as many images as are kept."""
+    """An exponential of 0.5 s, then noise of 1e-4 for 3 times as many images as are kept."""
     page, rng = PageState(), np.random.default_rng(0)
-    stamps = np.arange(6 * MAX_SAMPLES) / 30
+    stamps = np.arange(3 * MAX_SAMPLES) / 30
     errors = np.exp(-stamps / 0.5) + 1e-4 * rng.standard_normal(len(stamps))
     state = told(0.0, error=(1.0, 0.0))
     for stamp, error in zip(stamps, errors, strict=True):

@@ -58,7 +58,7 @@ def seen(name, camera=CAMERA, view=VIEW, size=SIZE):
     return picture(target, camera, view), target.shape.points(target.target_T_camera(view))
 
 
-def averaged(target, camera, view, fine=8):
+def averaged(target, camera, view, fine=5):
     """Return the image (rows, columns) of a pinhole camera; a pixel is the mean of fine x fine
     samples."""
     fx, _, cx, _, fy, cy, *_ = camera.K

@@ -165,7 +165,7 @@ def test_a_users_scheme_reaches_its_goal_by_its_name_alone(scheme, monkeypatch):
     joints = np.array([GOAL.joints[name] for name in ("gantry", "J1", "J2", "J3", "J5", "J6")])
     start = joints + SCHEMES[scheme] * (AWAY - joints)
     result = run(Experiment(scheme=scheme, start=tuple(start.tolist()), goal="2016",
-                            time_after_convergence=0.1))  # fmt: skip
+                            time_after_convergence=0.0))  # fmt: skip
     # What the pictures leave open is about the 0.3 mm from which on it is said.
     assert result.converged and result.verdict.is_reached, (result.outcome, result.verdict)
     assert result.compute_settling_time() < 1.2

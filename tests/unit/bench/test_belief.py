@@ -121,8 +121,7 @@ def test_the_plane_comes_from_the_depth_image_where_that_is_asked_for(scheme):
     """A target that has been carried 4 cm away since the goal was shown: kinematics is wrong."""
     away = {"shape": SHAPE, "motion": {"step": [0.01, 0.0, 0.04], "begin": 0.01}}
     gain = 2.0 if scheme == "moments_six" else 4.0
-    experiment = flying(
-        scheme=scheme, features="images", target=away, duration=12.0 / gain, gain=gain)
+    experiment = flying(scheme=scheme, features="images", target=away, duration=6.0, gain=gain)
     result = run(experiment.with_changes(controller_parameters={"depth_image": True}))
     assert result.verdict.distance < 1e-3, (result.outcome, result.verdict)
     if scheme == "points_3d":

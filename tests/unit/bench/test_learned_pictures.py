@@ -90,9 +90,8 @@ def test_unseen_starts_converge():
     seeded = (experiment.with_changes(seed=seed) for seed in range(500, 503))
     assert all(run(one).verdict.is_reached for one in seeded)
     for seed in (71, 72):
-        done = run(Experiment(
-            scheme=BY_POLICY, gain=3.0, start=policy.TRAINING_STARTS, seed=seed,
-            time_after_convergence=0.0, reached=(0.005, np.radians(1.0))))
+        done = run(Experiment(scheme=BY_POLICY, gain=3.0, start=policy.TRAINING_STARTS, seed=seed,
+                              time_after_convergence=0.0, reached=(0.005, 0.0174)))  # fmt: skip
         assert done.outcome == "converged" and done.verdict.is_reached, (seed, done.reason)
 
 

@@ -28,8 +28,7 @@ def asked(tmp_path):
         robot = {"urdf": str(tmp_path / "arm.urdf"),
                  "config": str(EXAMPLES / "my_arm_controllers.yaml")}
         return Experiment(robot=robot, target=target, goal=GOAL, start=START, gain=4.0,
-                          time_after_convergence=0.1,
-                          **{"scheme": "moments", **keys})
+                          **{"scheme": "moments", "time_after_convergence": 0.1, **keys})
     return made
 
 

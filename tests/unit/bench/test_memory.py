@@ -8,6 +8,5 @@ MEMORY = Path(__file__).resolve().parents[2] / "benchmarks" / "memory.py"
 
 
 def test_runs_that_differ_leave_no_memory_behind():
-    """The other plants use the target, the renderer and the loop of `chain`."""
-    words = ["--warm", "8", "--runs", "8", "--plants", "bullet", "chain"]
+    words = ["--warm", "8", "--runs", "8", "--plants", "bullet", "chain"]  # has all of the others
     subprocess.run([sys.executable, MEMORY, *words], check=True)

@@ -26,9 +26,8 @@ def short() -> Run:
 @pytest.fixture(scope="module")
 def filmed() -> Run:
     """A run of rendered images with noise."""
-    return run_with_images(Experiment(
-        plant="chain", features="images", camera="noisy", gain=4.0,
-        time_after_convergence=0.1), "noisy")
+    keys = {"camera": "noisy", "gain": 4.0, "time_after_convergence": 0.1}
+    return run_with_images(Experiment(plant="chain", features="images", **keys), "noisy")
 
 
 def without_measurements(done: Run, images: tuple[int, ...] = tuple(range(11))) -> Run:

@@ -219,7 +219,6 @@ KEYS = {
 PARTS = ("camera.effects.", "camera.shake.", "controller_parameters.law_options.",
          "target.motion.")  # fmt: skip
 TIMED = ("camera.effects.exposure_time", "camera.effects.row_time")
-LOOP_KEYS = ("controller_parameters", "law", "gain", "reached", "duration")
 # Keys that no run can be changed by, or that other tests change, and why.
 EXEMPT = {
     # names on the graph; figures of CameraInfo; delivered where somebody reads them; of triggers
@@ -288,10 +287,12 @@ def find_tried(key, one, plant):
     tried = [name for name in one.features if name in one.tried]
     if key.startswith(PARTS) and key not in TIMED:  # of an object that each plant uses as a whole
         return tried[:1] if plant == "free" else []
-    if plant == "bullet" and not key.startswith(LOOP_KEYS):
+    if key.startswith(("controller_parameters", "law", "gain", "reached", "duration")):
+        return tried[:1]
+    if plant == "bullet":
         return tried[-1:]  # its exact features are those of the other arm
     if plant == "free":
-        return tried[:1] if key.startswith(LOOP_KEYS) else tried
+        return tried
     return [] if key.startswith(("camera.", "target.")) else tried[:1]  # as on `free`
 
 
@@ -300,8 +301,8 @@ def find_tried(key, one, plant):
 @pytest.mark.parametrize("key", KEYS)
 def test_a_key_acts_or_is_refused(key, plant, features):
     one = KEYS[key]
-    posed = JOINTS if plant in ARMS else {}
-    values = merge(merge(BASE, {"plant": plant, "features": features, **posed}), one.given)
+    values = BASE | {"plant": plant, "features": features} | (JOINTS if plant in ARMS else {})
+    values = merge(values, one.given)
     if plant == "bullet":
         values["duration"] = min(values["duration"], 0.1)
     values = {name: value for name, value in values.items() if value is not None}

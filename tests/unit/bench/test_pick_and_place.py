@@ -27,8 +27,7 @@ def robot(example, tmp_path_factory):
 
 def test_a_goal_is_shown_by_an_arm_that_stands_where_it_is_asked_for(example, robot):
     """Its picture came 34 ms after the start, when the arm had sagged by 2.2 mm."""
-    result = run(example.experiment(robot, 1).with_changes(
-        gain=4.0, time_after_convergence=0.1))
+    result = run(example.experiment(robot, 1).with_changes(gain=4.0, time_after_convergence=0.1))
     assert result.converged and result.verdict.is_reached
     assert result.verdict.distance < 1e-4
 

@@ -153,8 +153,7 @@ def test_the_error_decays_as_the_law_says():
 
 
 def test_a_moving_target_stays_behind_by_speed_over_gain():
-    motion = {"velocity": [0.01, 0.0, 0.0, 0.0, 0.0, 0.0]}
-    target = {"shape": SQUARE, "motion": motion}
+    target = {"shape": SQUARE, "motion": {"velocity": [0.01, 0.0, 0.0, 0.0, 0.0, 0.0]}}
     result = run(FLIGHT.with_changes(target=target, gain=2.0, duration=4.0))
     assert result.verdict.distance == pytest.approx(0.01 / 2.0, rel=0.05)
 

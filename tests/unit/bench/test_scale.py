@@ -1,6 +1,5 @@
 """Results do not change when everything is scaled, and directions are ranked by accuracy."""
 
-
 import numpy as np
 import pytest
 

@@ -65,11 +65,9 @@ def imported() -> dict[str, set[str]]:
     """Names of the imported modules after each part of `PARTS`, all in one new process."""
     script = "import contextlib, sys\n" + "".join(
         f"{part}\nprint(*sys.modules, file=sys.stderr)\n" for part in PARTS.values())
-    folders = os.pathsep.join(str(folder) for folder in sorted(SOURCES.glob("*/src")))
-    search = os.pathsep.join(filter(None, [folders, os.environ.get("PYTHONPATH")]))
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=180,
-        env={**os.environ, "PYTHONPATH": search, "MPLBACKEND": "agg"})  # fmt: skip
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, SOURCES.glob("*/src")))}
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True,
+                          timeout=180, env=environment | {"MPLBACKEND": "agg"})  # fmt: skip
     assert done.returncode == 0, done.stderr
     lines = [line for line in done.stderr.splitlines() if line.startswith("sys builtins ")]
     return {part: set(line.split()) for part, line in zip(PARTS, lines, strict=True)}
@@ -84,8 +82,6 @@ def imported() -> dict[str, set[str]]:
     ("arm", (f"{CONTROLLERS}.forward", "aras_sim_bridge.world.world"), RARE),
     ("figure", ("matplotlib",), ("pandas", "pyarrow", "dask"))])  # fmt: skip
 def test_a_run_or_a_command_imports_what_it_needs(imported, part, needed, others) -> None:
-    """A scheme by name brings its own module, images of a poster bring the renderer; grippers,
-    trajectories, solid targets and their tracker are for those who have them."""
     assert all(find_spec(name) is not None for name in others)
     found = imported[part] - (imported["help"] if part == "run" else set())
     assert not ({name.rpartition(".")[0] for name in found} | found) & set(others)

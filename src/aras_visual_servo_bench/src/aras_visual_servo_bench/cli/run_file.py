@@ -64,9 +64,8 @@ def _run_experiment(experiment: Experiment, options: argparse.Namespace) -> int:
     if options.no_report and options.out is not None:
         raise StudyError("--out is the folder of an experiment's report, and --no-report writes no "
                          "report: leave out one of them")  # fmt: skip
-    name, source = ("demo", "") if options.study is None else (
-        make_printable(options.study.stem), make_printable(options.study)
-    )  # fmt: skip
+    file = options.study
+    name, source = ("demo", "") if file is None else map(make_printable, (file.stem, file))
     out = options.out
     compilation.prepare_simulation()
     if out is None:

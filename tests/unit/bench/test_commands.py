@@ -87,7 +87,7 @@ def test_pips_program_names_itself(monkeypatch, capsys):
 def test_pips_program_compiles_only_before_it_simulates(tmp_path, monkeypatch, capsys):
     text = "experiment: {plant: free, features: exact, duration: 0.1}\nrepeats: 2\n"
     (tmp_path / "study.yaml").write_text(text)
-    run_study(tmp_path / "study.yaml", tmp_path / "done")
+    run_study(tmp_path / "study.yaml", tmp_path / "done", progress=False)
     simulating = ("run plant=free features=exact duration=0.1", "run study.yaml --dry-run",
                   "run study.yaml --out out --in-process --no-report", "show done 0",
                   "analyze done:0 --out page --formats ''")  # fmt: skip

@@ -19,8 +19,7 @@ from aras_sim_bridge import angles
     ("inside, the short way round", 0, 3.5, -3000, 3000, 3.5 - 2 * pi),
     ("at the limit", 2.0943, -2, -2.0943, 2.0943, -4.0943),
     ("beyond it: back in, however far", 10.5, -2, -2.0943, 2.0943, -12.5),
-    ("below it", -4.0, 1.0, -2.0943, 2.0943, 5.0),
-])
+    ("below it", -4.0, 1.0, -2.0943, 2.0943, 5.0)])
 def test_towards(proves, start, goal, lower, upper, distance):
     assert angles.angular_distance_within_limits(start, goal, lower, upper) == pytest.approx(
         distance

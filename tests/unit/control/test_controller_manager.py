@@ -11,12 +11,10 @@ from aras_sim_bridge.errors import ControllerError
 EFFORT = "effort_controllers/JointEffortController"
 POSITION = "effort_controllers/JointPositionController"
 PARAMETERS = {
-    "a1": {"type": EFFORT, "joint": "a"},
-    "a2": {"type": POSITION, "joint": "a", "pid": {"p": 1.0}},
+    "a1": {"type": EFFORT, "joint": "a"}, "a2": {"type": POSITION, "joint": "a", "pid": {"p": 1.0}},
     "b1": {"type": EFFORT, "joint": "b"},
     "ab": {"type": "effort_controllers/JointGroupEffortController", "joints": ["b", "a"]},
-    "jsc": {"type": "joint_state_controller/JointStateController", "publish_rate": 100},
-}
+    "jsc": {"type": "joint_state_controller/JointStateController", "publish_rate": 100}}
 
 
 class Recorder(Controller):
@@ -81,18 +79,14 @@ class TestLoading:
             ("jsc", "initialized", PARAMETERS["jsc"]["type"],
              "hardware_interface::JointStateInterface", ()),
             ("ab", "initialized", PARAMETERS["ab"]["type"], effort, ("a", "b")),
-            ("a1", "initialized", EFFORT, effort, ("a",)),
-        ]
+            ("a1", "initialized", EFFORT, effort, ("a",))]
 
     def test_what_cannot_be_loaded_leaves_nothing_behind(self, rig):
         load(rig, "a1")
         for name, text in (
-            ("a1", "already loaded"),
-            ("nobody", "/robot/nobody/type is missing"),
-            ("", "type is missing"),
-            ("r_init", "RuntimeError: no luck"),
-            ("q_init", "SystemExit: enough"),
-        ):
+            ("a1", "already loaded"), ("nobody", "/robot/nobody/type is missing"),
+            ("", "type is missing"), ("r_init", "RuntimeError: no luck"),
+            ("q_init", "SystemExit: enough")):
             with pytest.raises(ControllerError, match=text):
                 rig.manager.load(name)
         assert list(states(rig)) == ["a1"]
@@ -157,8 +151,7 @@ class TestSwitching:
     @pytest.mark.parametrize(("start", "stop", "text"), [
         (["zz"], [], "'zz': it is not loaded"), ([], ["zz"], "'zz': it is not loaded"),
         ([], ["b1"], "'b1': it is initialized, not running"),
-        (["a1"], [], "'a1': it is running already"),
-    ])
+        (["a1"], [], "'a1': it is running already")])
     def test_strict_refuses_at_once_and_best_effort_does_what_it_can(self, rig, start, stop, text):
         load(rig, "a1", "b1")
         switch(rig, ["a1"])

@@ -37,8 +37,7 @@ class TestWriting:
     @pytest.mark.parametrize(("interface", "limits", "command", "applied"), [
         (EFFORT, None, 160.0, ("effort", "J", 100.0)), (EFFORT, "none", 1e9, ("effort", "J", 1e9)),
         (VELOCITY, None, 9.0, ("velocity", "J", 5.0, 100.0)),
-        (VELOCITY, "none", 0.5, ("velocity", "J", 0.5, inf)),
-    ])
+        (VELOCITY, "none", 0.5, ("velocity", "J", 0.5, inf))])
     def test_a_command_is_limited_and_applied_in_every_step(
         self, make_rig, make_joint, interface, limits, command, applied
     ):
@@ -77,8 +76,7 @@ class TestWriting:
             ("prismatic: plain difference, clamped", "prismatic", -9.0, 9.0, 2.0, -2.0, -25.0),
             ("continuous: the short way", "continuous", None, None, 3.0, -3.0, 10 * (2 * pi - 6)),
             ("revolute between +-3: the long way", "revolute", -3.0, 3.0, 2.9, -2.9, -25.0),
-            ("between +-4: the short way", "revolute", -4.0, 4.0, 3.0, -3.0, 10 * (2 * pi - 6)),
-        ],
+            ("between +-4: the short way", "revolute", -4.0, 4.0, 3.0, -3.0, 10 * (2 * pi - 6))],
     )
     def test_position_pid(
         self, make_rig, make_joint, make_limits, proves, kind, lower, upper, position, command,
@@ -120,8 +118,7 @@ class TestWriting:
 
 
 def test_hard_velocity_limits_are_those_of_the_joints_that_have_one(make_rig, make_joint):
-    joints = [make_joint("A"), make_joint("B", interface=POSITION),
-              make_joint("C", limits="none")]
+    joints = [make_joint("A"), make_joint("B", interface=POSITION), make_joint("C", limits="none")]
     rig = make_rig(joints, {GAINS: {"hard_velocity_limits": True},
                             "joint_limits": {"B": {"has_velocity_limits": False}}}, physics=False)
     assert rig.model.calls == [("bound", "A", 5.0)]
@@ -234,8 +231,7 @@ class TestTransmissions:
             make_joint("K", interface=state, interfaces=(state, full)),
             make_joint("L", interfaces=(EFFORT, full)),
             *((joint, replace(transmission, interface=EFFORT))
-              for joint, transmission in map(make_joint, "AB")),
-        ])
+              for joint, transmission in map(make_joint, "AB"))])
         assert {name: one.interface for name, one in rig.hardware.handles.items()} == {
             "K": POSITION, "L": EFFORT, "A": EFFORT, "B": EFFORT}
         skipped, several, unprefixed = rig.log
@@ -248,7 +244,6 @@ class TestTransmissions:
             ("PushInterface.*'J'", make_joint("J", interface="PushInterface")),
             ("'K' is not a movable joint", make_joint("J", joint="K")),
             ("'J' is not a movable joint", make_joint("J", "fixed")),
-            ("'J' already has a transmission", make_joint("J"), make_joint("J2", joint="J")),
-        ):
+            ("'J' already has a transmission", make_joint("J"), make_joint("J2", joint="J"))):
             with pytest.raises(HardwareError, match=text):
                 make_rig(joints)

@@ -110,8 +110,7 @@ def test_the_set_point_does_not_depend_on_the_control_period():
 TYPES = [
     ("effort_controllers/JointPositionController", "effort_command", {"joint": "a"}),
     ("velocity_controllers/JointPositionController", "velocity_command", {"joint": "a"}),
-    ("effort_controllers/JointGroupPositionController", "effort_command", {"joints": ["a"]}),
-]
+    ("effort_controllers/JointGroupPositionController", "effort_command", {"joints": ["a"]})]
 
 
 @pytest.mark.parametrize(("kind", "output", "joints"), TYPES)

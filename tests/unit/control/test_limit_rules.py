@@ -55,14 +55,11 @@ def limited(joint, rule, command, limits=LIMITS):
 
 
 @pytest.mark.parametrize(("proves", "position", "velocity", "command", "expected"), [
-    ("inside passes", 0, 0, 60, 60),
-    ("clamped to -max_effort", 0, 0, -160, -100),
+    ("inside passes", 0, 0, 60, 60), ("clamped to -max_effort", 0, 0, -160, -100),
     ("no push further above the upper limit", 2.1, 0, 60, 0),
     ("pull back from above the upper limit", 2.1, 0, -60, -60),
-    ("no speeding up beyond vmax", 0, 5.1, 60, 0),
-    ("braking beyond vmax", 0, 5.1, -60, -60),
-    ("on the limit counts as inside", 2.0, 5.0, 60, 60),
-])
+    ("no speeding up beyond vmax", 0, 5.1, 60, 0), ("braking beyond vmax", 0, 5.1, -60, -60),
+    ("on the limit counts as inside", 2.0, 5.0, 60, 60)])
 def test_effort_saturation(proves, position, velocity, command, expected):
     joint = handle(position=position, velocity=velocity)
     assert limited(joint, EFFORT_SATURATION, command) == expected, proves
@@ -157,8 +154,7 @@ def test_velocity_saturation(proves, acceleration, commands, expected):
         ("vhi = -10 (1.4 - 1.5) = 1", None, 1.4, 0.0, 9.0, 1.0),
         ("beyond the soft limit it must come back", None, 1.6, 0.0, 9.0, -1.0),
         ("amax dt = 1 around the measured velocity", 10.0, 0.0, 2.0, 9.0, 3.0),
-        ("what is within passes", 10.0, 0.0, 2.0, 1.5, 1.5),
-    ],
+        ("what is within passes", 10.0, 0.0, 2.0, 1.5, 1.5)],
 )
 def test_velocity_soft(proves, acceleration, position, velocity, command, expected):
     joint, limits = handle(soft_limits(), position, velocity, VELOCITY), JointBounds(
@@ -172,8 +168,7 @@ def test_rules_name_the_limit_they_lack():
         (EFFORT, {"max_velocity": 1.0}, None, "max_effort"),
         (EFFORT, {"max_velocity": 1.0}, soft_limits(), "max_effort"),
         (VELOCITY, {}, None, "max_velocity"),
-        (POSITION, {"min_position": -1.0, "max_position": 1.0}, soft_limits(), "max_velocity"),
-    ):
+        (POSITION, {"min_position": -1.0, "max_position": 1.0}, soft_limits(), "max_velocity")):
         with pytest.raises(HardwareError, match=f"'J'.*{lacking}"):
             make_rule(handle(soft, interface=interface), JointBounds(**limits))
     assert make_rule(handle(), None) is None
@@ -187,10 +182,8 @@ class TestResolving:
         ("revolute", "none", {}, None),
         ("revolute", None, {
             "has_position_limits": True, "min_position": -1, "max_position": 1,
-            "has_velocity_limits": False, "has_acceleration_limits": True,
-            "max_acceleration": 3.0, "has_effort_limits": True, "max_effort": 7.0,
-        }, JointBounds(-1.0, 1.0, None, 3.0, 7.0)),
-    ])
+            "has_velocity_limits": False, "has_acceleration_limits": True, "max_acceleration": 3.0,
+            "has_effort_limits": True, "max_effort": 7.0}, JointBounds(-1.0, 1.0, None, 3.0, 7.0))])
     def test_parameters_win_and_may_take_away(
         self, make_joint, caplog, kind, limits, overrides, expected
     ):
@@ -210,10 +203,8 @@ class TestResolving:
 
     @pytest.mark.parametrize("overrides", [
         {"has_effort_limits": True, "max_effort": -1.0},
-        {"has_effort_limits": True, "max_effort": float("nan")},
-        {"has_effort_limits": "yes"},
-        {"has_position_limits": True, "min_position": 1.0, "max_position": -1.0},
-    ])
+        {"has_effort_limits": True, "max_effort": float("nan")}, {"has_effort_limits": "yes"},
+        {"has_position_limits": True, "min_position": 1.0, "max_position": -1.0}])
     def test_impossible_limits_are_refused(self, make_joint, overrides):
         with pytest.raises(HardwareError, match=WHERE):
             resolve_limits(make_joint("J")[0], overrides, WHERE)

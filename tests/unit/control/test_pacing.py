@@ -21,8 +21,7 @@ def wall():
 
 @pytest.mark.parametrize(("now", "group", "due_ms", "wait"), [
     (0.0099, {}, 8, 0.0021), (0.0032, {"group_ns": 1 * MS}, 3, 0.0008),
-    (0.0032, {"group_ns": 2 * MS}, 2, 0.0008),
-])
+    (0.0032, {"group_ns": 2 * MS}, 2, 0.0008)])
 def test_steps_come_in_groups(wall, now, group, due_ms, wait):
     assert BATCH_NS == 4 * MS
     pacer = Pacer(1.0, wall)
@@ -75,8 +74,7 @@ def test_a_lag_is_made_good_up_to_a_limit_and_given_up_beyond(wall, factor):
 
 
 @pytest.mark.parametrize(("factor", "reached_ms", "warned"), [
-    (0.5, 950, False), (0.5, 900, True), (2.0, 3900, False), (2.0, 2000, True), (0.0, 1, False),
-])
+    (0.5, 950, False), (0.5, 900, True), (2.0, 3900, False), (2.0, 2000, True), (0.0, 1, False)])
 def test_who_falls_short_of_the_wanted_factor_is_warned(wall, caplog, factor, reached_ms, warned):
     pacer = Pacer(factor, wall)
     wall.now += 2.0

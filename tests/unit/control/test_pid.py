@@ -31,8 +31,7 @@ TABLE = [
      [(1, 1, 3.0), (nan, 1, 0.0), (inf, 1, 0.0), (-inf, 1, 0.0), (1, 1, 3.0)]),
     ("negative dt integrates backwards and keeps the last derivative", (1, 1, 1, 10, -10, False),
      [(1, 1, 1 + 1 + 1), (2, -1, 2 - 1 + 1)]),
-    ("the output is not clamped", (1e6, 0, 0, 1, -1, True), [(1e6, 0.001, 1e12)]),
-]
+    ("the output is not clamped", (1e6, 0, 0, 1, -1, True), [(1e6, 0.001, 1e12)])]
 
 
 @pytest.mark.parametrize(("proves", "gains", "cycles"), TABLE, ids=[row[0] for row in TABLE])
@@ -73,8 +72,7 @@ def test_state_listener_sees_the_terms():
     ({"p": 15000}, PidGains(15000.0)),
     ({"p": 1, "i": 2, "d": 3, "i_clamp": -4}, PidGains(1, 2, 3, 4, -4)),
     ({"p": 1, "i_clamp": 4, "i_clamp_min": 2, "i_clamp_max": -6}, PidGains(1, 0, 0, 6, -2)),
-    ({"p": 1, "antiwindup": True}, PidGains(1, antiwindup=True)),
-])
+    ({"p": 1, "antiwindup": True}, PidGains(1, antiwindup=True))])
 def test_parameters_are_read_as_control_toolbox_does(parameters, expected):
     assert Pid.from_parameters(parameters, "/r/c/pid").gains == expected
     for told in (False, True):
@@ -85,8 +83,7 @@ def test_parameters_are_read_as_control_toolbox_does(parameters, expected):
 @pytest.mark.parametrize(("parameters", "text"), [
     ({}, "/r/c/pid/p"), ({"p": "much"}, "/r/c/pid/p is 'much', must be a finite number"),
     ({"p": 1, "i": nan}, "/r/c/pid/i is nan, must be a finite number"),
-    ({"p": 1, "antiwindup": 1}, "/r/c/pid/antiwindup is 1, must be true or false"),
-])
+    ({"p": 1, "antiwindup": 1}, "/r/c/pid/antiwindup is 1, must be true or false")])
 def test_bad_parameters_are_named(parameters, text):
     with pytest.raises(ControllerError, match=text):
         Pid.from_parameters(parameters, "/r/c/pid")

@@ -51,8 +51,7 @@ def test_it_loads_and_runs_without_a_line_changed_here(
     (7, "/robot/controller_classes must map type names to 'package.module:Class', found 7"),
 ])
 def test_a_users_type_without_a_class_is_named(users_module, make_rig, make_joint, classes, why):
-    rig = make_rig([make_joint("a")], {
-        "controller_classes": classes, "own": {"type": "mine/Mine"}})
+    rig = make_rig([make_joint("a")], {"controller_classes": classes, "own": {"type": "mine/Mine"}})
     with pytest.raises(ControllerError, match=why):
         rig.manager.load("own")
 
@@ -71,13 +70,11 @@ def test_reload_takes_the_new_source_also_of_what_others_have_imported(users_mod
 @pytest.mark.parametrize(("type_name", "text"), [
     ("effort_controllers/JointPositonController",
      "did you mean 'effort_controllers/JointPositionController'"),
-    ("xyz", "use one of"),
-    ("users_controllers:", "not of the form"),
+    ("xyz", "use one of"), ("users_controllers:", "not of the form"),
     ("users_controllers:Nobody", "users_controllers has no Nobody"),
     ("no_such_package:Mine", "cannot import.*no_such_package"),
     ("users_controllers:NoController", "NoController is not a class derived from Controller"),
-    ("quitting_controllers:Mine", "importing quitting_controllers raised SystemExit: 3"),
-])
+    ("quitting_controllers:Mine", "importing quitting_controllers raised SystemExit: 3")])
 def test_what_cannot_be_found_is_explained(users_module, type_name, text):
     with pytest.raises(ControllerError, match=text):
         ControllerTypes().find(type_name)
@@ -100,14 +97,12 @@ STATES = "joint_state_controller/JointStateController"
 
 @pytest.mark.parametrize(("kind", "parameters", "text"), [
     (POSITION, {"joint": None}, "/robot/c/joint is missing"),
-    (POSITION, {"pid": None}, "/robot/c/pid/p"),
-    (POSITION, {"pid": 3}, "/robot/c/pid"),
+    (POSITION, {"pid": None}, "/robot/c/pid/p"), (POSITION, {"pid": 3}, "/robot/c/pid"),
     (POSITION, {"interpolate": 1}, "/robot/c/interpolate is .*, must be true or false"),
     (POSITION, {"joint": "z"},
      "joint 'z' does not have the EffortJointInterface; joints with it: a, b"),
     (POSITION, {"joint": "p"}, "only the PositionJointInterface"),
-    (GROUP, {"joints": []}, "non-empty list"),
-    (GROUP, {"joints": ["a", "a"]}, "different"),
+    (GROUP, {"joints": []}, "non-empty list"), (GROUP, {"joints": ["a", "a"]}, "different"),
     (GROUP, {"joints": ["a"]}, "/robot/c/a/pid/p"),
     (STATES, {"publish_rate": "fast"}, "publish_rate is 'fast', must be a finite number"),
     (STATES, {"joints": ["J9"]}, "joint 'J9' does not have"),
@@ -119,11 +114,8 @@ STATES = "joint_state_controller/JointStateController"
     (TRAJECTORY, {"constraints": {"a": {"goal": "near"}}}, "constraints/a/goal"),
     (TRAJECTORY, {"stop_trajectory_duration": -1.0}, "negative"),
     (TRAJECTORY, {"gains": {}}, "/robot/c/gains/a/p"),
-    (TRAJECTORY, {"velocity_ff": {"a": True}}, "velocity_ff/a"),
-    (GRIPPER, {"joint": 3}, "joint"),
-    (GRIPPER, {"stall_timeout": "x"}, "stall"),
-    (GRIPPER, {"gains": {"a": {"p": "x"}}}, "gains/a"),
-])
+    (TRAJECTORY, {"velocity_ff": {"a": True}}, "velocity_ff/a"), (GRIPPER, {"joint": 3}, "joint"),
+    (GRIPPER, {"stall_timeout": "x"}, "stall"), (GRIPPER, {"gains": {"a": {"p": "x"}}}, "gains/a")])
 def test_a_parameter_that_cannot_be_is_named(make_rig, make_joint, kind, parameters, text):
     given = {"joint": "a", "joints": ["a"], "pid": PID, "gains": {"a": PID}}
     given = {"publish_rate": 100} if kind == STATES else given

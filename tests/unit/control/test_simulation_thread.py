@@ -148,9 +148,7 @@ def run(plan: Plan, inbox: MessageReceiver, gated: bool = False, build=Empty) ->
 
 
 @pytest.mark.parametrize(("flood", "groups"), [
-    (2, [4, 1, 1, 1]), (3, [4, 4, 1, 1]), (5, [4, 4, 1, 1]), (6, [4, 4, 4, 1]),
-    (12, [4, 4, 4, 4]),
-])
+    (2, [4, 1, 1, 1]), (3, [4, 4, 1, 1]), (5, [4, 4, 1, 1]), (6, [4, 4, 4, 1]), (12, [4, 4, 4, 4])])
 def test_steps_are_made_one_by_one_for_commands_unless_these_are_a_flood(flood, groups):
     plan = Plan(1, 2, 4)
     run(plan, Commands(lambda _: True, flood))
@@ -180,8 +178,7 @@ def test_what_came_before_time_was_set_back_is_forgotten():
 
 @pytest.mark.parametrize(("factor", "gated", "backlogs"), [
     (1.0, False, [3, 2, 1, 2, 1]), (1.0, True, [3, 2, 1, 2, 1]), (0.0, False, 5 * [0]),
-    (0.0, True, 5 * [8]),
-])
+    (0.0, True, 5 * [8])])
 def test_of_the_commands_of_a_topic_one_may_wait_for_each_step_that_is_due(factor, gated, backlogs):
     """What arrived before a step acts in it."""
     inbox = Commands(lambda _: False)

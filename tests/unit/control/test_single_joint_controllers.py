@@ -67,11 +67,9 @@ class TestPosition:
 
     @pytest.mark.parametrize(("proves", "kind", "bounds", "position", "command", "error"), [
         ("revolute inside +-2.0943 never crosses pi", "revolute", (-2.0943, 2.0943), 2, -2, -4),
-        ("revolute with many turns: the short way", "revolute", (-3000, 3000), 0, 10,
-         10 - 4 * pi),
+        ("revolute with many turns: the short way", "revolute", (-3000, 3000), 0, 10, 10 - 4 * pi),
         ("continuous: the short way", "continuous", (None, None), 3, -3, 2 * pi - 6),
-        ("prismatic: the plain difference", "prismatic", (-9, 9), -4, 4, 8),
-    ])
+        ("prismatic: the plain difference", "prismatic", (-9, 9), -4, 4, 8)])
     def test_error_goes_the_way_of_the_joint(
         self, make, make_limits, proves, kind, bounds, position, command, error
     ):
@@ -121,8 +119,7 @@ def test_effort_velocity_controller(make):
 @pytest.mark.parametrize(("output", "single", "at_start"), [
     ("effort", "JointEffortController", [0.0, 0.0]),
     ("position", "JointPositionController", [0.5, -0.5]),
-    ("velocity", "JointVelocityController", [0.0, 0.0]),
-])
+    ("velocity", "JointVelocityController", [0.0, 0.0])])
 @pytest.mark.parametrize("group", [False, True])
 def test_forward_controllers(make, output, single, at_start, group):
     kind = f"{output}_controllers/{single.replace('Joint', 'JointGroup') if group else single}"

@@ -13,8 +13,7 @@ KINDS = {
     "effort_controllers/JointVelocityController": {"joint": "a", "pid": PID},
     "effort_controllers/JointEffortController": {"joint": "a"},
     "effort_controllers/JointGroupEffortController": {"joints": ["a"]},
-    "effort_controllers/JointGroupPositionController": {"joints": ["a"], "a": {"pid": PID}},
-}
+    "effort_controllers/JointGroupPositionController": {"joints": ["a"], "a": {"pid": PID}}}
 
 
 @pytest.fixture(params=KINDS)
@@ -73,8 +72,7 @@ class Leaving:
     ("effort_controllers/JointPositionController", None),
     ("effort_controllers/JointPositionController", "pid"),
     ("joint_state_controller/JointStateController", None),
-    ("effort_controllers/JointTrajectoryController", None),
-])
+    ("effort_controllers/JointTrajectoryController", None)])
 def test_a_listener_that_leaves_between_two_looks_aborts_nothing(make_rig, make_joint, kind, pid):
     own = {"type": kind, "joint": "a", "joints": ["a"], "pid": PID, "publish_rate": 100.0,
            "gains": {"a": PID}}

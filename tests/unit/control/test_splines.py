@@ -22,11 +22,9 @@ S = 1_000_000_000
     ("the lower specification counts: line", (0, 7, 7), (1,), 1.0, (0, 1, 0, 0, 0, 0)),
     ("the lower specification counts: cubic", (0, 0, 9), (1, 0), 1.0, (0, 0, 3, -2, 0, 0)),
     ("one end's velocity does not count: line", (0,), (1, 7), 1.0, (0, 1, 0, 0, 0, 0)),
-    ("accelerations without velocities: line", (0, None, 3), (1, None, 3), 1.0,
-     (0, 1, 0, 0, 0, 0)),
+    ("accelerations without velocities: line", (0, None, 3), (1, None, 3), 1.0, (0, 1, 0, 0, 0, 0)),
     ("no time: the end state", (0, 1, 2), (3, 4, 6), 0.0, (3, 4, 3, 0, 0, 0)),
-    ("no time, positions only: at rest there", (0,), (3,), 0.0, (3, 0, 0, 0, 0, 0)),
-])
+    ("no time, positions only: at rest there", (0,), (3,), 0.0, (3, 0, 0, 0, 0, 0))])
 def test_coefficients(proves, start, end, duration, coefficients):
     found = fit_spline(Waypoint(*start), Waypoint(*end), duration)
     assert found == pytest.approx(coefficients, abs=1e-12), proves
@@ -51,8 +49,7 @@ def test_outside_its_time_it_rests_at_the_ends():
 
 @pytest.mark.parametrize(("tolerance", "position", "velocity", "holds"), [
     ((0, 0, 0), 9, 9, True), ((1, 0, 0), 1, 9, True), ((1, 0, 0), -1.1, 0, False),
-    ((0, 1, 0), 9, -1.1, False), ((0, 1, 0), 9, -1, True), ((0, 0, 0.001), 9, 9, True),
-])
+    ((0, 1, 0), 9, -1.1, False), ((0, 1, 0), 9, -1, True), ((0, 0, 0.001), 9, 9, True)])
 def test_tolerances_of_zero_are_not_checked(tolerance, position, velocity, holds):
     assert StateTolerances() == (0.0, 0.0, 0.0)
     assert StateTolerances(*tolerance).is_met(position, velocity) is holds

@@ -71,8 +71,7 @@ class TestFollowing:
 
     @pytest.mark.parametrize(("more", "quarter"), [
         (([], []), 0.25), (([0.0], []), 3 * 0.25**2 - 2 * 0.25**3),
-        (([0.0], [0.0]), 10 * 0.25**3 - 15 * 0.25**4 + 6 * 0.25**5),
-    ])
+        (([0.0], [0.0]), 10 * 0.25**3 - 15 * 0.25**4 + 6 * 0.25**5)])
     def test_a_spline_begins_in_the_next_cycle_and_ends_on_the_point(self, bench, more, quarter):
         b = bench()
         b.controller.set_command(Trajectory(["a"], [point(1.0, [1.0], *more)]))
@@ -169,8 +168,7 @@ class TestGoals:
             b.rig.step(101)
             assert handle.status == "active" and not done
             b.rig.step(1)
-            assert (handle.status, handle.result.error_code) == (
-                "succeeded", ErrorCode.SUCCESSFUL)
+            assert (handle.status, handle.result.error_code) == ("succeeded", ErrorCode.SUCCESSFUL)
             b.rig.step(10)
             assert done == [handle]
 
@@ -217,8 +215,7 @@ class TestGoals:
         ("0 keeps the default", 0.0, -1.0, 0.0, "aborted"),
         ("at the goal too", -1.0, 0.0, 0.0, "aborted"),
         ("goal time above 0 waits", -1.0, None, 9.0, "active"),
-        ("goal time below 0 does not", -1.0, None, -1.0, "aborted"),
-    ])
+        ("goal time below 0 does not", -1.0, None, -1.0, "aborted")])
     def test_tolerances_of_the_goal(self, bench, proves, path, at_goal, time, status):
         b = bench(constraints={"a": {"trajectory": 0.1, "goal": 0.1}})
         b.rig.model.stuck.add("a")
@@ -301,8 +298,7 @@ class TestGoals:
         ("a", [point(1, [nan])], ErrorCode.INVALID_GOAL, "not finite"),
         ("a", [point(1, [1], [nan])], ErrorCode.INVALID_GOAL, "not finite"),
         ("a", [point(1, [1]), point(1, [2])], ErrorCode.INVALID_GOAL, "strictly increase"),
-        ("a", [point(0, [1])], ErrorCode.INVALID_GOAL, "past"),
-    ])
+        ("a", [point(0, [1])], ErrorCode.INVALID_GOAL, "past")])
     def test_bad_goals_are_rejected_with_the_reason(self, bench, joints, points, code, text):
         handle = bench().controller.submit_goal(TrajectoryGoal(Trajectory(list(joints), points)))
         assert (handle.status, handle.result.error_code) == ("rejected", code)

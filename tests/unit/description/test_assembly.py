@@ -171,8 +171,7 @@ AXIS = "<pose>0 0 0 0.4 0 0</pose><axis><xyz{}>{}</xyz>{}</axis>"
     ("1.7", AXIS.format(" expressed_in='base'", "0 0 1", "")),
     ("1.6", AXIS.format("", f"0 {math.cos(0.4)} {-math.sin(0.4)}", "")),
     ("1.4", AXIS.format("", f"0 {math.cos(0.4)} {-math.sin(0.4)}",
-                        "<use_parent_model_frame>0</use_parent_model_frame>")),
-])
+                        "<use_parent_model_frame>0</use_parent_model_frame>"))])
 @pytest.mark.parametrize("outer", ["", "1 2 3 0.5 0 0.7"])
 def test_an_axis_is_in_the_frame_that_its_version_says(version, axis, outer):
     """All of these are the model's z axis, in a model in another one too."""
@@ -225,8 +224,7 @@ def test_a_world_with_bad_models_starts_with_the_others(read):
     ("<static>yes</static>", "model 'm': static is 'yes', which is read as true; write true or "
                              "false"),
     ("<static>maybe</static>", "static 'maybe' is ignored, because it is neither true nor false"),
-    ("<pose>1 2 3</pose>", "pose '1 2 3' has three numbers, which are read as a position"),
-])
+    ("<pose>1 2 3</pose>", "pose '1 2 3' has three numbers, which are read as a position")])
 def test_what_gazebo_s_parser_forgives_is_repaired_and_named(text, sentence):
     made = model(text + link("a"))
     assert any(sentence in warning for warning in made.warnings) and len(made.warnings) == 1

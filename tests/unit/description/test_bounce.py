@@ -27,8 +27,7 @@ def sdf(inside):
      (0.6, 0.2)),
     ("<restitution_coefficient>1</restitution_coefficient>", (1.0, 0.0)),
     ("<restitution_coefficient>0</restitution_coefficient>", (0.0, 0.0)),
-    ("<threshold>0.2</threshold>", None), ("", None),
-])
+    ("<threshold>0.2</threshold>", None), ("", None)])
 def test_a_surface_s_bounce(parsed, inside, expected):
     assert parsed(inside).bounce == expected
 
@@ -39,8 +38,7 @@ def test_a_surface_s_bounce(parsed, inside, expected):
     ("<restitution_coefficient>-0.1</restitution_coefficient>", "must be 0 to 1"),
     ("<restitution_coefficient>bouncy</restitution_coefficient>", "restitution_coefficient"),
     ("<restitution_coefficient>1</restitution_coefficient><threshold>-1</threshold>",
-     "threshold -1.0"),
-])
+     "threshold -1.0")])
 def test_an_impossible_bounce_is_refused(parsed, inside, words):
     with pytest.raises(DescriptionError, match=words):
         parsed(inside)

@@ -37,8 +37,7 @@ def test_every_material_that_gazebo_ships_has_a_colour():
 
 
 @pytest.mark.parametrize("name, nearest", [
-    ("Gazebo/Chrome", "Gazebo/"), ("Black", "Gazebo/Black"), ("Mine/Gold", "Gazebo/Gold"),
-])
+    ("Gazebo/Chrome", "Gazebo/"), ("Black", "Gazebo/Black"), ("Mine/Gold", "Gazebo/Gold")])
 def test_an_unknown_material_is_white_with_a_warning_and_costs_no_robot(name, nearest):
     for description in painted(name):
         assert description.colours == {"a": WHITE}
@@ -73,8 +72,7 @@ BLUE, GREEN = (0.0, 0.0, 1.0, 1.0), (0.1, 0.9, 0.2, 1.0)
     ("<ambient>.1 .2 .3</ambient>", (0.1, 0.2, 0.3, 1.0)),
     ("<ambient>1 1 1 1</ambient><diffuse>.1 .2 .3 .4</diffuse>", (0.1, 0.2, 0.3, 0.4)),
     ("<diffuse>1 1 1</diffuse>" + SCRIPT.format("Blue"), BLUE),
-    ("<emissive>0 0 0 1</emissive>", None), ("", None),
-])
+    ("<emissive>0 0 0 1</emissive>", None), ("", None)])
 def test_the_colour_of_a_visual_of_sdf(material, rgba):
     """A script's counts before a diffuse one, and that before an ambient one."""
     assert shown(visual(material)) == (rgba, ())

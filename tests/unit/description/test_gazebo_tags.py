@@ -99,8 +99,7 @@ def test_a_lens():
     ("<lens><type>magic</type></lens>", "lens type 'magic' is unknown; use one of gnomonical"),
     ("<lens><intrinsics><fx>0</fx></intrinsics></lens>", "fx 0.0 and fy 277.0 are focal lengths"),
     ("<distortion><k1>nan</k1></distortion>", "distortion k1: nan is not finite"),
-    ("</camera><update_rate>-1</update_rate><camera>", "update_rate is -1.0 Hz"),
-])
+    ("</camera><update_rate>-1</update_rate><camera>", "update_rate is -1.0 Hz")])
 def test_a_camera_that_cannot_be_is_named(inside, reason):
     with pytest.raises(DescriptionError, match=reason) as refused:
         camera(inside)
@@ -137,8 +136,7 @@ def test_the_control_plugin():
     *((f"<gazebo reference='a'><sensor name='s' type='{kind}'><camera><lens>{inside}</lens>"
        "</camera></sensor></gazebo>", says) for kind, inside, says in (
         ("wideanglecamera", "<intrinsics/>", "<intrinsics> is ignored, because a wideanglecamera"),
-        ("camera", "<type>equidistant</type>", "needs a wideanglecamera; this camera is drawn"))),
-])
+        ("camera", "<type>equidistant</type>", "needs a wideanglecamera; this camera is drawn")))])
 def test_what_is_not_known_warns(inside, warning):
     (said,) = robot(inside).warnings
     assert warning in said
@@ -163,8 +161,7 @@ BOUNCE = ("<collision><surface><bounce><restitution_coefficient>{}</restitution_
     ("<gravity>1</gravity>", {}), ("<kinematic value='true'/>", {"kinematic": True}),
     ("<turnGravityOff>true</turnGravityOff><gravity>true</gravity>", {"gravity": False}),
     ("<turnGravityOff>false</turnGravityOff><gravity>false</gravity>", {"gravity": False}),
-    ("<collision/>" + BOUNCE.format(0.5) + BOUNCE.format(0.7), {"bounce": (0.5, 0.0)}),
-])
+    ("<collision/>" + BOUNCE.format(0.5) + BOUNCE.format(0.7), {"bounce": (0.5, 0.0)})])
 def test_what_a_tag_says_of_a_link_and_what_it_leaves(tags, changes):
     """A second tag of the same link changes what it names alone; other links keep all."""
     text = "<robot name='r'><link name='a'/><link name='b'/>" \
@@ -208,7 +205,6 @@ def test_a_robot_s_tags_come_in_the_order_of_the_file():
 @pytest.mark.parametrize(("noise", "kind"), [
     ("<noise><type>none</type></noise>", "none"), ("<noise type='other'/>", "other"),
     ("<noise type='other'><type>gaussian</type></noise>", "gaussian"),
-    ("<noise><mean>-1</mean></noise>", "gaussian"),
-])
+    ("<noise><mean>-1</mean></noise>", "gaussian")])
 def test_a_noise_s_type_is_an_element_or_an_attribute(noise, kind):
     assert camera(noise).noise == PixelNoise(kind, -1.0 if "-1" in noise else 0.0, 0.0)

@@ -84,8 +84,7 @@ def depth(farthest, rows):
     ("camera", STREAM), ("multicamera", STREAM),
     ("triggered_camera", stream(trigger_topic="image_trigger")),
     ("triggered_multicamera", stream(trigger_topic="image_trigger")),
-    ("depth_camera", depth(math.inf, False)), ("openni_kinect", depth(5.0, True)),
-])
+    ("depth_camera", depth(math.inf, False)), ("openni_kinect", depth(5.0, True))])
 def test_a_camera_and_its_plugin_in_full(file, expected):
     inside = ("<sensor name='e' type='camera'><camera><lens/><distortion/><noise/></camera><plugin "
               f"filename='libgazebo_ros_{file}.so'/></sensor>")

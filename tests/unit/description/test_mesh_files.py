@@ -137,12 +137,11 @@ SOUND = {
                             b"f -3 -2 -1", b"v 9 9 9"]),
     "p.dae": polygons(dae(), b"3 3 3 3"),
     "each.dae": polygon_list(b"0 2 1", b"0 1 3", b"0 3 2", b"1 2 3"),
-    "comment.dae": dae("<p>", "<p><!-- mine -->"),
-    "meter.dae": dae(' meter="1"'), "up.dae": dae("Z_UP"), "unit.dae": dae(">Z_UP", ">Y_UP"),
+    "comment.dae": dae("<p>", "<p><!-- mine -->"), "meter.dae": dae(' meter="1"'),
+    "up.dae": dae("Z_UP"), "unit.dae": dae(">Z_UP", ">Y_UP"),
     "64.dae": dae('offset="0"/>\n<p>0 2 1 0 1 3 0 3 2 1 2 3',
                   'offset="64"/>\n<p>' + "".join("0 " * 64 + f"{i} " for f in FACES for i in f)),
-    "later.dae": dae("</node>", "<node><scale>2 2 2</scale></node><scale>1 1 1</scale></node>"),
-}
+    "later.dae": dae("</node>", "<node><scale>2 2 2</scale></node><scale>1 1 1</scale></node>")}
 
 
 def robot(path, kind="visual"):
@@ -315,10 +314,8 @@ TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
 
 
 @pytest.mark.parametrize(("library", "named"), [
-    ("newmtl m\nmap_Kd lost.png\nKd 1 0 0\n", "lost.png"),
-    (None, "a.mtl"),
-    ("newmtl other\nKd 1 0 0\n", "a.obj"),
-])
+    ("newmtl m\nmap_Kd lost.png\nKd 1 0 0\n", "lost.png"), (None, "a.mtl"),
+    ("newmtl other\nKd 1 0 0\n", "a.obj")])
 def test_what_lacks_its_material_or_picture_is_grey_and_named(tmp_path, caplog, library, named):
     (tmp_path / "a.obj").write_text("mtllib a.mtl\nusemtl m\n" + TRIANGLE)
     if library is not None:

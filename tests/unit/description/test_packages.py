@@ -113,8 +113,7 @@ def test_a_package_s_manifest_may_be_anything(tmp_path, monkeypatch):
     ("package://arm", "/pack/arm"), (" package://arm/a.stl\n", "/pack/arm/a.stl"),
     ("model://arm/a.stl", "/pack/arm/a.stl"), ("file:///b/a.stl", "/b/a.stl"),
     ("file://b//a.stl", "/b/a.stl"), ("/b/./c/../a.stl", "/b/a.stl"),
-    ("meshes/a.stl", "/base/meshes/a.stl"), ("../a.stl", "/a.stl"),
-])
+    ("meshes/a.stl", "/base/meshes/a.stl"), ("../a.stl", "/a.stl")])
 def test_the_path_that_a_uri_names(monkeypatch, uri, path):
     monkeypatch.setenv("GAZEBO_MODEL_PATH", "")
     monkeypatch.setenv("HOME", "/nowhere")
@@ -129,8 +128,7 @@ def test_the_path_that_a_uri_names(monkeypatch, uri, path):
     ("package://arm/../armour/a.stl", "outside of package 'arm'; keep the file inside"),
     ("ftp://arm/a.stl", "here: mesh 'ftp://arm/a.stl' has the unknown scheme 'ftp://'"),
     ("ftp://" + 194 * "a", f"mesh 'ftp://{194 * 'a'}' has"),
-    ("ftp://" + 195 * "a", f"mesh 'ftp://{194 * 'a'}…' has"),
-])
+    ("ftp://" + 195 * "a", f"mesh 'ftp://{194 * 'a'}…' has")])
 def test_a_uri_that_names_no_path_is_refused(monkeypatch, uri, reason):
     with pytest.raises(UnsupportedPartError) as refused:
         packages.locate(uri, "here", "/pack/{}".format)

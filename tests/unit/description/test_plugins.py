@@ -165,8 +165,7 @@ FULL = SensorDescription("pose", "t", "n", "b", 5.0, "a", noise=0.5,
     ("p3d", "", "<bodyName>a</bodyName><topicName>t</topicName>",
      SensorDescription("pose", "t", "", "world", link="a")),
     ("imu", "", SETTINGS, replace(FULL, kind="body_imu")),
-    ("imu", "", "<bodyName>a</bodyName>",
-     SensorDescription("body_imu", "/default_imu", link="a")),
+    ("imu", "", "<bodyName>a</bodyName>", SensorDescription("body_imu", "/default_imu", link="a")),
     ("imu_sensor", "imu", SETTINGS + "<updateRateHZ>7</updateRateHZ>"
      "<initialOrientationAsReference>1</initialOrientationAsReference>",
      replace(FULL, kind="imu", rate=7.0, from_start=True)),
@@ -179,8 +178,7 @@ FULL = SensorDescription("pose", "t", "n", "b", 5.0, "a", noise=0.5,
     ("bumper", "contact", NAMES + "<bumperTopicName>u</bumperTopicName>",
      SensorDescription("contact", "u", "n", "b", link="a", collisions=("c",))),
     ("bumper", "contact", "",
-     SensorDescription("contact", "bumper_states", "", "world", link="a", collisions=("c",))),
-])
+     SensorDescription("contact", "bumper_states", "", "world", link="a", collisions=("c",)))])
 def test_a_sensor_and_its_plugin_in_full(file, kind, settings, expected):
     made = measured(file, settings, kind)
     assert made.warnings == ()
@@ -228,8 +226,7 @@ def test_a_sensor_s_noise_is_of_the_axis_that_it_is_written_for(file, kind, sett
 
 @pytest.mark.parametrize(("frame", "direction"), [
     ("", ""), ("child", "parent_to_child"), ("sensor", "parent_to_child"),
-    ("parent", "child_to_parent"),
-])
+    ("parent", "child_to_parent")])
 def test_in_which_frame_and_of_whom_a_wrench_is(frame, direction):
     asked = f"<force_torque><frame>{frame}</frame><measure_direction>{direction}" \
             "</measure_direction></force_torque>"
@@ -265,8 +262,7 @@ def test_only_the_first_plugin_of_a_camera_delivers_its_pictures():
 
 @pytest.mark.parametrize(("names", "sides"), [
     (("left", "right"), ("left", "right")), (("my_left_eye", "the_right"), ("left", "right")),
-    (("up", "down"), ("up", "down")), (("", ""), ("0", "1")),
-])
+    (("up", "down"), ("up", "down")), (("", ""), ("0", "1"))])
 def test_an_eye_is_named_after_its_side_or_itself(names, sides):
     """The baseline is that of the right one."""
     inside = "".join(f"<camera{f' name={name!r}' if name else ''}/>" for name in names)

@@ -77,10 +77,8 @@ def test_models_and_their_meshes_come_from_the_model_folders(folders, read, uri)
     ("model://empty", "model.sdf has no <model> and no <light>"),
     ("model://nameless", "model.config names no <sdf> file"),
     ("model://../models/egg", "the folder '../models/egg' is not in"),
-    ("https://fuel.example/egg", "the scheme https:// is not supported"),
-    ("", "it has no <uri>"),
-    ("eggs", "there is no folder"),
-])
+    ("https://fuel.example/egg", "the scheme https:// is not supported"), ("", "it has no <uri>"),
+    ("eggs", "there is no folder")])
 def test_an_include_that_cannot_be_served_is_one_warning_and_the_rest_goes_on(
         folders, read, uri, reason):
     folders("bare", "", config=None)
@@ -135,8 +133,7 @@ def test_what_a_state_says_in_vain_is_named(folders, read):
         "<state> has poses for links of model 'crate' that do not exist (lid); these poses are "
         "ignored",
         "<state>: scale (0.0, 1.0, 1.0) of model 'crate' is ignored, because it is not positive",
-        "<state> has velocities for crate, which are ignored; all models start at rest",
-    ]
+        "<state> has velocities for crate, which are ignored; all models start at rest"]
 
 
 def population(inside, name="p", pose="1 2 3 0 0 1.5707963267948966"):
@@ -175,8 +172,7 @@ def test_a_population_by_chance_fills_its_region_the_same_way_each_time(read, re
     ("<cylinder><radius>1</radius><length>0</length></cylinder>", "length must be positive"),
     ("<box><size>1 1 1</size></box><distribution><type>uniform</type></distribution>",
      "distribution 'uniform' is not supported in this region"),
-    ("", "distribution 'random' is not supported in this region"),
-])
+    ("", "distribution 'random' is not supported in this region")])
 def test_a_population_that_cannot_be_served_is_one_warning(read, inside, reason):
     found = read(population(inside) + "<model name='n'>" + SOLID.format("") + "</model>")
     assert [m.name for m in found.models] == ["n"]
@@ -223,8 +219,7 @@ def materials(folders):
     (crate("Crate/Base", uris="<uri>model://gone/x</uri>"), "'model://gone/x': package 'gone'"),
     (crate("Crate/Base", uris="<uri>model://crate/x.material</uri>"), "x.material cannot be read"),
     (crate("Crate/Base", "<sphere><radius>1</radius></sphere>"), "drawn on box, plane, mesh"),
-    (crate("Crate/Side"), "'Crate/Side' is ignored: the file is not a readable image"),
-])
+    (crate("Crate/Side"), "'Crate/Side' is ignored: the file is not a readable image")])
 def test_a_material_that_cannot_be_served_costs_nothing_but_itself(materials, read, inside, reason):
     if "Side" in inside:
         materials.write_text("no image")
@@ -337,8 +332,7 @@ def test_a_region_is_turned_by_its_pose_and_its_corner_is_not(read, kind):
                  "</step></distribution>", (0.45, 0.35, 0)),
         "random": (boxed("random", 6), (1.0, 0.5, 0.4)),
         "cylinder": ("<model_count>6</model_count><cylinder><radius>0.7</radius><length>0.8"
-                     "</length></cylinder>", (0, 0, 0)),
-    }[kind]
+                     "</length></cylinder>", (0, 0, 0))}[kind]
     upright = places(read(population(inside, pose="0 0 0 0 0 0"))) + corner
     if kind == "grid":
         j, i = np.meshgrid(np.arange(4), np.arange(2))
@@ -456,8 +450,7 @@ def test_what_is_faster_than_1_cm_a_second_was_in_motion(read, text, speed, move
     ("<cylinder><radius>1</radius><length>3</length></cylinder>", "radius", 1, 2),
     ("<cylinder><radius>1</radius><length>3</length></cylinder>", "length", 3, 1.5),
     ("<mesh><uri>model://crate/meshes/part.obj</uri><scale>1 2 -3</scale></mesh>", "scale",
-     (1, 2, -3), (2, 6, -1.5)),
-])
+     (1, 2, -3), (2, 6, -1.5))])
 def test_a_state_s_scale_makes_shapes_larger_in_their_places(folders, read, shape, name, before,
                                                              after):
     folders("crate", "")

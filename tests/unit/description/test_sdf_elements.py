@@ -34,8 +34,7 @@ PLACES = {
         " <magnetic_field>1 2 3</magnetic_field> <spherical_coordinates/>"),
     "<wind>{}</wind>": ("world wind", "", ""),
     "<physics type='ode'>{}</physics>": (
-        "world physics",
-        "", "<real_time_factor>2</real_time_factor> <bullet/> <simbody/> <dart/>"),
+        "world physics", "", "<real_time_factor>2</real_time_factor> <bullet/> <simbody/> <dart/>"),
     ODE_PHYSICS.format("<solver>{}</solver>"): ("world physics ode solver", "", ""),
     ODE_PHYSICS.format("<constraints>{}</constraints>"): ("world physics ode constraints", "", ""),
     "<scene>{}</scene>": (
@@ -44,8 +43,7 @@ PLACES = {
     "<scene><fog>{}</fog></scene>": ("world scene fog", "", ""),
     "<scene><sky>{}</sky></scene>": ("world scene sky", "", ""),
     "<scene><sky><clouds>{}</clouds></sky></scene>": ("world scene sky clouds", "", ""),
-    "<light name='k' type='spot'>{}</light>": (
-        "light", "", ""),
+    "<light name='k' type='spot'>{}</light>": ("light", "", ""),
     "<model name='m'><link name='l'/>{}</model>": (
         "model",
         "<static>1</static> <pose>1 0 0 0 0 0</pose> <frame name='k' attached_to='x'/>"
@@ -58,12 +56,10 @@ PLACES = {
         " <battery name='k'/> <sensor name='k' type='ray'/>",
         "<must_be_base_link>1</must_be_base_link>"),
     LINK.format("<velocity_decay>{}</velocity_decay>"): ("model link velocity_decay", "", ""),
-    LINK.format("<inertial>{}</inertial>"): (
-        "model link inertial", "", ""),
+    LINK.format("<inertial>{}</inertial>"): ("model link inertial", "", ""),
     LINK.format(VISUAL): (
         "model link visual", "<pose>1 0 0 0 0 0</pose> <plugin name='k' filename='libk.so'/>", ""),
-    LINK.format(VISUAL.format("<material>{}</material>")): (
-        "model link visual material", "", ""),
+    LINK.format(VISUAL.format("<material>{}</material>")): ("model link visual material", "", ""),
     LINK.format(COLLISION): (
         "model link collision", "<pose>1 0 0 0 0 0</pose>", "<max_contacts>3</max_contacts>"),
     LINK.format("<collision name='c'>{}</collision>"): (
@@ -111,8 +107,7 @@ PLACES = {
         " <plugin name='k' filename='libk.so'/>",
         "<always_on>1</always_on> <visualize>1</visualize>"),
     CAMERA.format(type="camera").format("<camera name='c'>{}</camera>"): (
-        "model link sensor camera camera",
-        "<image><anti_aliasing>1</anti_aliasing></image>", ""),
+        "model link sensor camera camera", "<image><anti_aliasing>1</anti_aliasing></image>", ""),
     CAMERA.format(type="camera").format(LENS): (
         "model link sensor camera camera lens",
         "<type>equidistant</type> <intrinsics><s>3</s></intrinsics>",

@@ -65,8 +65,7 @@ def links(second, inside=""):
     (links(pose(B, "f")) + f"<frame name='f'>{pose(C, 'g')}</frame><frame name='g' "
      "attached_to='a'/>" + joint(), links(pose(A @ C @ B)) + joint()),
     # of a joint: by the model, a link and a frame; a link by a joint, whose frame is its child's
-    (links(pose(B)) + joint(pose(C, "__model__")),
-     links(pose(B)) + joint(pose(B.inverse() @ C))),
+    (links(pose(B)) + joint(pose(C, "__model__")), links(pose(B)) + joint(pose(B.inverse() @ C))),
     (links(pose(B)) + joint(pose(C, "a")), links(pose(B)) + joint(pose(B.inverse() @ A @ C))),
     (links(pose(B)) + joint(pose(A)) + f"<link name='c'>{pose(C, 'j')}</link>"
      + joint(child="c").replace("'j'", "'k'"),
@@ -86,8 +85,7 @@ def test_links_and_joints_by_frames(given, expected):
 
 @pytest.mark.parametrize("tag", ["visual", "collision", "inertial", "sensor"])
 @pytest.mark.parametrize(("frame", "at"), [
-    ("a", B.inverse() @ A), ("__model__", B.inverse()), ("f", B.inverse() @ A @ C), ("b", Pose()),
-])
+    ("a", B.inverse() @ A), ("__model__", B.inverse()), ("f", B.inverse() @ A @ C), ("b", Pose())])
 def test_what_is_in_a_link_by_frames(tag, frame, at):
     inside = {"inertial": "<mass>2</mass>", "sensor": "<camera name='c'/>"}.get(tag, BOX)
     part = f"<{tag} name='p' type='camera'>{{}}{inside}</{tag}>"
@@ -138,8 +136,7 @@ def test_a_model_is_placed_by_one_of_its_frames():
      "visual 'v': <pose relative_to='x'> names no link, joint"),
     (links(pose(B)) + joint(pose(C, "x")), "joint 'j': <pose relative_to='x'> names no link"),
     (links(pose(B)) + joint(parent="f") + "<frame name='f'/>", "joint 'j': link 'f' does not"),
-    (links(pose(B)) + joint(frame="x"), "<xyz expressed_in='x'> names no link"),
-])
+    (links(pose(B)) + joint(frame="x"), "<xyz expressed_in='x'> names no link")])
 def test_a_frame_that_does_not_exist_is_named(inside, reason):
     with pytest.raises(DescriptionError, match=reason):
         model(inside)

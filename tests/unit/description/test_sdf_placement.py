@@ -84,8 +84,7 @@ def test_a_link_s_numbers():
      "joint 'j': <xyz expressed_in='c'> names no link; give the axis in the joint's frame"),
     (joint("<axis><xyz>0 0 0</xyz></axis>"), "axis is the zero vector; give a direction"),
     (joint("<axis><limit><lower>2</lower><upper>1</upper></limit></axis>"), "2.0 is above upper"),
-    (joint("<axis><dynamics><damping>-1</damping></dynamics></axis>"), "must be ≥ 0"),
-])
+    (joint("<axis><dynamics><damping>-1</damping></dynamics></axis>"), "must be ≥ 0")])
 def test_joints_that_cannot_be(inside, reason):
     with pytest.raises(DescriptionError, match=reason):
         model(link("a", "0 0 0 0 0 0") + link("b", "0 0 1 0 0 0") + inside)
@@ -95,13 +94,11 @@ PART = "<geometry><sphere><radius>1</radius></sphere></geometry>"
 
 
 @pytest.mark.parametrize("text", [
-    "<model{0}><link name='a'/></model>", "<light{0}/>",
-    "<model name='m'><link{0}/></model>",
+    "<model{0}><link name='a'/></model>", "<light{0}/>", "<model name='m'><link{0}/></model>",
     f"<model name='m'><link name='a'><visual{{0}}>{PART}</visual></link></model>",
     f"<model name='m'><link name='a'><collision{{0}}>{PART}</collision></link></model>",
     "<model name='m'><link name='a'/><link name='b'/><joint{0} type='fixed'><parent>a</parent>"
-    "<child>b</child></joint></model>",
-])
+    "<child>b</child></joint></model>"])
 def test_what_needs_a_name_has_one_of_up_to_256_characters(text):
     for name in ("", " name=''", f" name='{257 * 'n'}'"):
         with pytest.raises(DescriptionError, match="needs a name of 1 to 256 characters"):
@@ -113,8 +110,7 @@ def test_what_needs_a_name_has_one_of_up_to_256_characters(text):
 
 @pytest.mark.parametrize(("count", "lights", "words"), [
     (0, 1, "0 models and 1 lights"), (2, 0, "2 models and 0 lights"),
-    (1, 1, "1 models and 1 lights"),
-])
+    (1, 1, "1 models and 1 lights")])
 def test_one_model_at_a_time_can_be_spawned_and_one_world_simulated(count, lights, words):
     """Why there are fewer than meant is told with it."""
     text = "".join(f"<model name='m{k}'><link name='a'/></model>" for k in range(count))
@@ -142,8 +138,7 @@ def test_a_pose_is_in_the_frame_of_what_is_around(key):
 @pytest.mark.parametrize("kind", ["revolute", "prismatic", "fixed"])
 @pytest.mark.parametrize(("parent", "child", "missing"), [
     ("x", "b", "x"), ("a", "x", "x"), ("a", "world", "world"), ("world", "world", "world"),
-    ("", "b", ""), ("a", "", ""), ("world", "b", None), ("a", "b", None),
-])
+    ("", "b", ""), ("a", "", ""), ("world", "b", None), ("a", "b", None)])
 def test_a_joint_s_ends_are_links_or_its_parent_the_world(inside, kind, parent, child, missing):
     text = link("a", "0 0 0 0 0 0") + link("b", "0 0 1 0 0 0") + joint(inside, kind, parent, child)
     if parent == "world":

@@ -17,9 +17,8 @@ URDF = ("<robot name='r'>{robot}<link name='a'>{link}<visual>{visual}<geometry><
 SENSORS = {
     "camera": "<camera>{}</camera>", "depth": "<camera><image>{}</image></camera>",
     "multicamera": "<camera><clip>{}</clip></camera>",
-    "wideanglecamera": "<camera><lens>{}</lens></camera>",
-    "contact": "<contact>{}</contact>", "imu": "<imu>{}</imu>",
-}
+    "wideanglecamera": "<camera><lens>{}</lens></camera>", "contact": "<contact>{}</contact>",
+    "imu": "<imu>{}</imu>"}
 JOINT_SENSOR = "<sensor name='f' type='force_torque'><force_torque>{}</force_torque></sensor>"
 JOINT = "<joint name='k' type='revolute'><parent>a</parent><child>b</child>{}</joint>"
 
@@ -109,8 +108,7 @@ def test_gazebo_tags_add_links_and_joints_and_close_chains():
     ("<link/>", "needs a name of 1 to 256 characters; the link is ignored"),
     (JOINT.format("").replace("revolute", "ball"), "joint 'k': joint type 'ball' is not supported"),
     (JOINT.format("").replace(">b", ">c"), "joint 'k': link 'c' does not exist; correct the name"),
-    (JOINT.format("").replace("'k'", "'j'"), "two joints are named 'j'; rename one; the joint is"),
-])
+    (JOINT.format("").replace("'k'", "'j'"), "two joints are named 'j'; rename one; the joint is")])
 def test_what_a_gazebo_tag_adds_and_cannot_be_is_left_out_and_named(tag, reason):
     made = parse_urdf(GAZEBO.format(f"<gazebo>{tag}</gazebo>"))
     assert (list(made.links), list(made.joints), made.loops) == (["a", "b"], ["j"], ())
@@ -169,8 +167,7 @@ TURNED = ("<robot name='r'><link name='a'/><link name='b'/><joint name='j' type=
     ("<sdf><model name='m'><link name='a'/><link name='b'/><joint name='j' type='revolute'><parent>"
      "a</parent><child>b</child><axis><limit><lower>-90</lower><upper>90</upper></limit></axis>"
      "</joint></model></sdf>", "model 'm', joint 'j': its limits -90 90 must be in radians"),
-    ("<sdf><model name='m'><pose>100 20 0 0 0 1.57</pose><link name='a'/></model></sdf>", ""),
-])
+    ("<sdf><model name='m'><pose>100 20 0 0 0 1.57</pose><link name='a'/></model></sdf>", "")])
 def test_degrees_where_radians_belong_are_named_with_the_radians(text, reason):
     found = said(text)
     assert len(found) == bool(reason) and reason in "".join(found)

@@ -35,11 +35,9 @@ def volume(mesh):
 
 
 @pytest.mark.parametrize("shape, expected, extents", [
-    (BOX, 0.048, (0.2, 0.4, 0.6)),
-    (Geometry("sphere", radius=0.5), math.pi / 6, (1, 1, 1)),
+    (BOX, 0.048, (0.2, 0.4, 0.6)), (Geometry("sphere", radius=0.5), math.pi / 6, (1, 1, 1)),
     (Geometry("cylinder", radius=0.5, length=2.0), math.pi / 2, (1, 1, 2)),
-    (Geometry("capsule", radius=0.5, length=2.0), math.pi / 2 + math.pi / 6, (1, 1, 3)),
-])
+    (Geometry("capsule", radius=0.5, length=2.0), math.pi / 2 + math.pi / 6, (1, 1, 3))])
 def test_solids_have_their_size_and_volume(shape, expected, extents):
     """Facets lie inside round shapes: up to 2 % of the volume are lost."""
     (mesh,) = shapes.make_meshes(shape)

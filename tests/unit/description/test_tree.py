@@ -17,8 +17,7 @@ ROBOT = """<robot name="fork"><link name="base"/><link name="a"/><link name="b"/
 
 @pytest.mark.parametrize(("base", "link", "names"), [
     ("", "eye", ["j1", "j2", "eye_joint"]), ("base", "eye", ["j1", "j2", "eye_joint"]),
-    ("a", "hand", ["j3"]), ("eye", "eye", []), ("", "base", []),
-])
+    ("a", "hand", ["j3"]), ("eye", "eye", []), ("", "base", [])])
 def test_a_path_goes_down_from_the_base(base, link, names):
     assert [joint.name for joint in parse_tree(ROBOT).find_path(base, link)] == names
 
@@ -27,8 +26,7 @@ def test_a_path_goes_down_from_the_base(base, link, names):
     ("", "ey", "robot 'fork' has no link ey; did you mean 'eye'?"),
     ("hand", "eye", "hand is not an ancestor of eye; use one of base, a, b"),
     ("bas", "eye", "bas is not an ancestor of eye; did you mean 'base'?"),
-    ("eye", "base", "eye is not an ancestor of base"),
-])
+    ("eye", "base", "eye is not an ancestor of base")])
 def test_what_is_not_on_the_path_is_named(base, link, words):
     with pytest.raises(DescriptionError) as caught:
         parse_tree(ROBOT).find_path(base, link)
@@ -45,8 +43,7 @@ def test_the_tree_knows_its_root_and_keeps_the_order_of_the_file():
 
 
 @pytest.mark.parametrize("text", [
-    "", "no XML", "<robot/>", "<sdf name='r'/>", "<!DOCTYPE r [<!ENTITY a 'b'>]><robot name='r'/>",
-])
+    "", "no XML", "<robot/>", "<sdf name='r'/>", "<!DOCTYPE r [<!ENTITY a 'b'>]><robot name='r'/>"])
 def test_what_is_no_robot_has_no_name(text):
     assert read_robot_name(text) == ""
     assert read_robot_name(ROBOT) == "fork"

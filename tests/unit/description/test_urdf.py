@@ -117,8 +117,7 @@ def test_meshes_name_their_files(tmp_path):
     ("<mesh filename='package://p/pipe.stl'/>", "is no regular file"),
     ("<mesh filename='package://p/whole.stl' scale='1 0 1'/>", "contains a zero"),
     ("<cone/>", "shape <cone> is not supported; use box, cylinder, sphere"),
-    ("", "<geometry> with a shape is missing"),
-])
+    ("", "<geometry> with a shape is missing")])
 @pytest.mark.parametrize("kind", ["visual", "collision"])
 def test_a_shape_that_cannot_be_served_is_left_out_and_named(tmp_path, shape, reason, kind):
     package = tmp_path / "p"
@@ -177,8 +176,7 @@ def test_inertials_origins_and_names_of_parts():
     ("<link name='a'><visual><geometry><box size='1 1'/></geometry></visual></link>",
      "link 'a', visual 1: box size: needs 3 numbers, got '1 1'"),
     ("<link name='a'><collision><geometry><sphere radius='-2'/></geometry></collision></link>",
-     "link 'a', collision 1: sphere radius is -2.0; it must be positive"),
-])
+     "link 'a', collision 1: sphere radius is -2.0; it must be positive")])
 def test_what_is_wrong_is_named(inside, reason):
     with pytest.raises(DescriptionError, match=reason):
         robot(inside)
@@ -201,8 +199,7 @@ def test_comments_may_stand_anywhere_as_gazebo_takes_them(before):
     ("<!DOCTYPE r [<!ENTITY a 'b'>]><robot name='r'/>", "document type and entity declarations"),
     ("<robot name='r'><xacro:if/></robot>", "<xacro:if> is not expanded; run xacro on the file"),
     ("<a>" * 65 + "</a>" * 65, "more than 64 elements are nested"),
-    ("<robot name='r'>" + " " * 16_777_216 + "</robot>", "more than the limit of 16777216"),
-])
+    ("<robot name='r'>" + " " * 16_777_216 + "</robot>", "more than the limit of 16777216")])
 def test_texts_that_are_no_urdf(text, reason):
     with pytest.raises(DescriptionError, match=reason):
         parse_urdf(text)

@@ -115,8 +115,7 @@ def test_each_number_of_a_light_is_finite_and_each_strength_not_negative(what):
     ("<scene><background>.1 .2 .3 0</background><aras:shadows>hard</aras:shadows></scene>",
      ((0.4, 0.4, 0.4, 1.0), (0.1, 0.2, 0.3, 0.0), False, "hard")),
     ("<scene><sky/><shadows>0</shadows></scene>",
-     ((0.4, 0.4, 0.4, 1.0), (0.7, 0.7, 0.7, 1.0), True, "none")),
-])
+     ((0.4, 0.4, 0.4, 1.0), (0.7, 0.7, 0.7, 1.0), True, "none"))])
 def test_what_is_around_in_full(read, inside, expected):
     found = read(inside)
     assert astuple(found.scene) == expected

@@ -48,8 +48,7 @@ def fallen(found):
 
 @pytest.mark.parametrize(("parent", "child"), [
     ("world", "lamp::body"), ("lamp::body", "world"), ("table::body", "lamp::body"),
-    ("lamp", "table"),
-])
+    ("lamp", "table")])
 def test_what_is_fixed_to_what_stands_is_bolted_down(read, parent, child):
     found = read(model("table", 0.5, static=1), model("lamp", 2.0), model("loose", 4.0),
                  joint(parent, child))
@@ -85,8 +84,7 @@ def test_two_that_stand_need_no_bolt(read):
     (joint("world", "arm::base").replace("'j'", "'hinge'"),
      "name is missing or is that of another joint"),
     (joint("world", "lamp::body", name=""), "name is missing or is that of another joint"),
-    (joint("arm::arm", "lamp::body"), "neither of its models is fixed in the world"),
-])
+    (joint("arm::arm", "lamp::body"), "neither of its models is fixed in the world")])
 def test_a_joint_that_cannot_be_served_is_one_warning_and_the_rest_goes_on(read, added, reason):
     found = read(model("lamp", 2.0), arm(5.0), added)
     assert [m.name for m in found.models] == ["lamp", "arm"]
@@ -108,8 +106,7 @@ def towered(top, bolted=True, kind="fixed"):
     (towered("top", bolted=False), "top", "link 'top' is the child of another joint"),
     (towered("top", kind="revolute"), "top", "link 'top' is the child of another joint"),
     (towered("top"), "base", ""), (towered("top", bolted=False), "base", ""),
-    (towered("top", bolted=False), "", ""),
-])
+    (towered("top", bolted=False), "", "")])
 def test_what_stands_is_what_its_own_joint_bolts_to_the_world(read, tower, end, reason):
     """Not what another joint has, nor what a bolted link carries."""
     name = f"tower::{end}" if end else "tower"

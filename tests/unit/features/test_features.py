@@ -191,8 +191,7 @@ def test_points_that_coincide_or_stand_in_line() -> None:
     (lambda shape: compute_raw_interaction(shape, FRONT, 6), "need moments up to order 7"),
     (lambda shape: Plane.fronto_parallel(0.0), "must be positive, got 0 m"),
     (lambda shape: Plane.fronto_parallel(float("nan")), "must be positive, got nan m"),
-    (lambda shape: Plane.from_pose(np.eye(3), [1.0, 0.0, 0.0]), "move the camera out of this p"),
-])
+    (lambda shape: Plane.from_pose(np.eye(3), [1.0, 0.0, 0.0]), "move the camera out of this p")])
 def test_wrong_requests_are_refused(make, text: str) -> None:
     with pytest.raises(UnavailableFeatureError, match=text):
         make(Moments.from_polygon(L_SHAPE))

@@ -61,8 +61,7 @@ def test_both_byte_orders(encoding: str) -> None:
     ({"encoding": "8UC3"}, "encoding '8UC3' is not supported; send one of mono8"),
     ({"data": b"\0" * 60}, "truncated: 60 bytes, must be 72 for 4 rows"),
     ({"step": 17}, "step is 17, must be at least 18"), ({"step": 0}, "step is 0, must"),
-    ({"width": 0}, "its size is 0 x 4 pixels"), ({"height": 0}, "empty"),
-])
+    ({"width": 0}, "its size is 0 x 4 pixels"), ({"height": 0}, "empty")])
 def test_broken_messages_are_refused(changes, text: str) -> None:
     good = {"height": 4, "width": 6, "encoding": "rgb8", "step": 18, "data": bytes(72)}
     with pytest.raises(ImageError, match=text):

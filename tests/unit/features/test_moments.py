@@ -111,8 +111,7 @@ def test_coverage_image_gives_the_polygon(seed: int) -> None:
     (lambda: Moments.from_arrays([1, 0], [1, 0], 1), "order 1 needs 3"),
     (lambda: Moments.from_arrays([np.nan, 0, 0], [1, 0, 0], 1), "finite"),
     (lambda: Moments.from_arrays([0, 0, 0], [0, 0, 0], 1), "positive"),
-    (lambda: Moments.from_polygon(SQUARE, 2).m(2, 1), "i \\+ j must be at most 2"),
-])
+    (lambda: Moments.from_polygon(SQUARE, 2).m(2, 1), "i \\+ j must be at most 2")])
 def test_bad_shapes_are_refused(make, text: str) -> None:
     with pytest.raises(MomentsError, match=text):
         make()

@@ -30,11 +30,9 @@ def test_values_arrive() -> None:
     ({"near_colour": [1, 2, 256]}, "near_colour is .1.0, 2.0, 256.0., must be red"),
     ({"colour_low": [-1, 0, 0]}, "hue 0-179"), ({"colour_high": [180, 0, 0]}, "hue 0-179"),
     ({"colour_high": [0, 256, 0]}, "hue 0-179"), ({"colour_high": [0, 0, 256]}, "hue 0-179"),
-    ({"component": "mask"}, "~mask_image must be the path"),
-    ({"colour_low": [1, 2]}, "hue 0-179"),
+    ({"component": "mask"}, "~mask_image must be the path"), ({"colour_low": [1, 2]}, "hue 0-179"),
     ({"desired_outline": [0, 0, 1, 1, 2]}, "at least three corners"),
-    ({"adaptive_block": 10}, "must be odd"),
-])
+    ({"adaptive_block": 10}, "must be odd")])
 def test_wrong_parameters_are_refused(given, text: str) -> None:
     with pytest.raises(VisionParameterError, match=text):
         VisionParameters.from_mapping(given)

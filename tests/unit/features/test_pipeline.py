@@ -90,8 +90,7 @@ DIAGONAL[np.arange(50, 110), np.arange(50, 110)] = 0
 
 @pytest.mark.parametrize(("grey", "text"), [
     (white(), "no target in view"), (DIAGONAL, "line"),
-    (with_box(0, 290, 40, 30), "right and top border"),
-], ids=["white", "diagonal", "corner"])
+    (with_box(0, 290, 40, 30), "right and top border")], ids=["white", "diagonal", "corner"])
 def test_bad_targets_are_not_valid_and_say_why(grey, text: str) -> None:
     """Of one at the border the moments are kept, to be shown."""
     measured = measure(grey, weighting="binary")
@@ -105,8 +104,7 @@ def test_bad_targets_are_not_valid_and_say_why(grey, text: str) -> None:
     ("nearest", "of 2 objects of target colour, the one nearest to the target's last position is "
                 "the target"),
     ("all", "all pixels of target colour together are the target"),
-    ("only", "(the only object of target colour is the target: 2400 pixels around"),
-])
+    ("only", "(the only object of target colour is the target: 2400 pixels around")])
 def test_of_several_objects_is_said_which_is_the_target_and_why(component, words) -> None:
     grey = with_box(100, 0, 60, 40)
     if component == "only":

@@ -44,8 +44,7 @@ NO_DOTS = {
     "high": ellipse(78.0, 58.0, 4.4, 19.5), "square": box(68, 52, 88, 72), "moon": half_moon,
     "left border": ellipse(4.0, 60.0, 12.0, 12.0), "low border": ellipse(80.0, 112.0, 12.0, 12.0),
     "bar by a dot": box(52.5, 12, 59, 50), "smaller": ellipse(76.0, 60.0, 6.5, 6.5),
-    "speck": ellipse(76.0, 60.0, 0.9, 0.9),
-}
+    "speck": ellipse(76.0, 60.0, 0.9, 0.9)}
 
 
 @pytest.mark.parametrize("what", NO_DOTS)

@@ -94,8 +94,7 @@ def test_choice_of_the_component() -> None:
 
 @pytest.mark.parametrize(("box", "borders"), [
     ((20, 51, 9, 9), ("bottom",)), ((71, 10, 9, 9), ("right",)),
-    ((0, 0, 80, 9), ("left", "right", "top")),
-])
+    ((0, 0, 80, 9), ("left", "right", "top"))])
 def test_border_contact_is_reported(box, borders) -> None:
     target = segment(scene(box), SegmentationSettings())
     assert target.touched_borders == borders and target.reason == ""
@@ -105,8 +104,7 @@ def test_border_contact_is_reported(box, borders) -> None:
     ([], 4, "no target in view"), ([(20, 20, 1, 1)], 4, "1 pixel"),
     ([(20, 20, 30, 1)], 4, "a line one pixel"), ([(20, 20, 1, 30)], 4, "a line one pixel"),
     ([(0, 0, 80, 60)], 4, "fills the whole image"), ([(20, 20, 4, 4)], 17, "fewer than 17"),
-    ([(20, 20, 4, 4)], 16, ""),
-])
+    ([(20, 20, 4, 4)], 16, "")])
 def test_unusable_targets_say_why(boxes, least, text: str) -> None:
     reason = segment(scene(*boxes), SegmentationSettings(min_pixels=least)).reason
     assert text in reason and bool(text) == bool(reason)

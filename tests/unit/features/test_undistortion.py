@@ -185,14 +185,10 @@ def test_numbers_of_coefficients(model: str, counts: tuple[int, ...]) -> None:
 
 
 @pytest.mark.parametrize(("changes", "text"), [
-    ({"K": (0.0,) * 9}, "focal lengths fx=0"),
-    ({"K": (float("nan"), *K[1:])}, "finite"),
-    ({"K": K[:8]}, "9 finite numbers"),
-    ({"K": (K[0], 0.5, *K[2:])}, "skew"),
-    ({"D": (float("inf"),) * 5}, "finite"),
-    ({"width": 0}, "is empty"), ({"height": 0}, "is empty"),
-    ({"distortion_model": "thin_prism"}, "'thin_prism' is not known"),
-])
+    ({"K": (0.0,) * 9}, "focal lengths fx=0"), ({"K": (float("nan"), *K[1:])}, "finite"),
+    ({"K": K[:8]}, "9 finite numbers"), ({"K": (K[0], 0.5, *K[2:])}, "skew"),
+    ({"D": (float("inf"),) * 5}, "finite"), ({"width": 0}, "is empty"), ({"height": 0}, "is empty"),
+    ({"distortion_model": "thin_prism"}, "'thin_prism' is not known")])
 def test_unusable_camera_info_is_refused(changes, text: str) -> None:
     with pytest.raises(InvalidIntrinsicsError, match=text):
         CameraModel.from_message(info(**changes))

@@ -232,10 +232,9 @@ def graph(monkeypatch: pytest.MonkeyPatch) -> Graph:
         "Service": service, "Publisher": publisher, "Subscriber": subscriber, "Timer": timer,
         "search_param": lambda _name: None, "get_param": it.given, "set_param": it.set,
         "has_param": lambda name: it.given(name) is not None, "ServiceProxy": it.proxy,
-        "delete_param": lambda name: it.parameters.pop(rospy.resolve_name(name)),
-        "loginfo": log, "logwarn": log, "logerr": log, "logfatal": log,
-        "logerr_throttle": throttled, "logwarn_throttle": throttled,
-    }.items():
+        "delete_param": lambda name: it.parameters.pop(rospy.resolve_name(name)), "loginfo": log,
+        "logwarn": log, "logerr": log, "logfatal": log, "logerr_throttle": throttled,
+        "logwarn_throttle": throttled}.items():
         monkeypatch.setattr(rospy, name, value)
     monkeypatch.setattr(rospy.Time, "now", staticmethod(lambda: rospy.Time.from_sec(it.wall_time)))
     monkeypatch.setattr(rosgraph, "Master", lambda _name: it)
@@ -259,8 +258,7 @@ class Start:
         monkeypatch.setenv("ROS_LOG_DIR", str(logs))
         for place, name, value in (
             (rospy, "init_node", lambda name, **options: self.begun.append((name, options))),
-            (rospy, "is_shutdown", lambda: self.down),
-            (rospy, "on_shutdown", self.ending.append),
+            (rospy, "is_shutdown", lambda: self.down), (rospy, "on_shutdown", self.ending.append),
             (rospy, "signal_shutdown", self.end),
             (rospy.core, "add_shutdown_hook", lambda _hook: None),
             (rospy.core, "is_shutdown_requested", lambda: self.is_ended_early()),
@@ -270,8 +268,7 @@ class Start:
             (tcpros_base, "_tcpros_server", SimpleNamespace(tcp_ros_server=server)),
             (signal, "signal", lambda number, _: self.handled_signals.append(number)),
             (signal, "set_wakeup_fd", lambda *_, **__: -1),
-            (logging.getLogger("rosout"), "filters", []),
-        ):
+            (logging.getLogger("rosout"), "filters", [])):
             monkeypatch.setattr(place, name, value)
 
     def end(self, reason: str) -> None:

@@ -212,7 +212,7 @@ def test_a_film_ends_with_the_last_image_that_was_answered(graph, face, tmp_path
     assert np.abs(shown.astype(int) - picture(1)).max() < 8
 
 
-def test_what_was_recorded_before_the_clock_went_back_is_another_run(graph, face, tmp_path):
+def test_the_last_run_of_a_bag_is_read_also_after_the_clock_was_reset(graph, face, tmp_path):
     path = write(tmp_path / "a.bag", graph, face, experiment=described())
     write(path, graph, face, shift=-1.4, append=True, skip=("camera_info",))
     parts = []
@@ -231,13 +231,16 @@ def test_what_was_recorded_before_the_clock_went_back_is_another_run(graph, face
     again = bags.read_bag(path)
     assert again.notes == run.notes
     same(again.joint_stamp, run.joint_stamp)
+    path = write(tmp_path / "a.bag", graph, face, experiment=described())
+    write(path, graph, face, shift=10.0, append=True, skip=("camera_info",))
+    run = bags.read_bag(path)
+    same(run.stamp, np.round(STAMPS[1:] + 10.0, 9))
+    assert any("has 2 runs" in note for note in run.notes)
+    assert not any("clock was reset" in note for note in run.notes)
 
 
 def in_order(path: Path, source: Path, added, clock: bool) -> Path:
-    """Write the messages of a bag and added ones in the order of their times, with the clock.
-
-    added: tuples of topic, message and time (s).
-    """
+    """Write a bag's messages and `added` ones (topic, message, time in s) by time, with /clock."""
     with rosbag.Bag(str(source)) as bag:
         rows = [row for row in bag if row[0] != "/clock"]
     rows += [(topic, message, rospy.Time.from_sec(time)) for topic, message, time in added]
@@ -412,15 +415,6 @@ def test_joint_states_that_lack_a_place_are_left_out_and_speeds_may_be_unknown(g
                                [(0.1, 0.2), (0.9, 0.8), (1.5, 1.4), (1.7, 1.6)])
     unknown = (np.nan, np.nan)
     np.testing.assert_allclose(run.measured_velocities, [(0.3, 0.4), (1.1, 1.0), unknown, unknown])
-
-
-def test_of_several_runs_the_last_is_told(graph, face, tmp_path):
-    path = write(tmp_path / "a.bag", graph, face, experiment=described())
-    write(path, graph, face, shift=10.0, append=True, skip=("camera_info",))
-    run = bags.read_bag(path)
-    same(run.stamp, np.round(STAMPS[1:] + 10.0, 9))
-    assert any("has 2 runs" in note for note in run.notes)
-    assert not any("clock was reset" in note for note in run.notes)
 
 
 def write_without(path: Path, source: Path, topic: str, field: str) -> Path:

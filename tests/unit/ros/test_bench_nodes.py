@@ -327,8 +327,7 @@ def test_launches_of_the_same_master_are_found(tmp_path, monkeypatch):
         (9, ["python3", "/opt/bin/roslaunch", "p", "a.launch", "x:=1"], "http://here:1"),
         (10, ["/opt/bin/roslaunch", "p", "b.launch"], "http://here:1/"),
         (11, ["roslaunch", "p", "c.launch"], "http://there:1"),
-        (12, ["vi", "a", "b", "roslaunch"], "http://here:1"),
-    ):
+        (12, ["vi", "a", "b", "roslaunch"], "http://here:1")):
         entry = tmp_path / str(pid)
         entry.mkdir()
         (entry / "cmdline").write_bytes("\0".join([*words, ""]).encode())
@@ -351,8 +350,7 @@ def test_a_demo_follows_the_controller(graph, life):
     for stamp, phase, began, converged in (
         (1.5, "approaching", None, None), (2.5, "servoing", 2.5, None),
         (3.5, "converged", 2.5, 3.5), (4.5, "converged", 2.5, 3.5), (5.5, "holding", 2.5, None),
-        (6.5, "converged", 2.5, 6.5),
-    ):
+        (6.5, "converged", 2.5, 6.5)):
         hear(ServoState(header=Header(stamp=rospy.Time.from_sec(stamp)), phase=phase,
                         reason=f"for {phase}"))
         assert (watch.phase, watch.reason) == (phase, f"for {phase}")

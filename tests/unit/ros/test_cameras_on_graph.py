@@ -40,16 +40,9 @@ from aras_sim_bridge.ros.runtime.device_interfaces import DeviceInterfaces
 MS = 1_000_000
 
 SETTINGS = {
-    "parent": "world",
-    "pose": [1.0, 2.0, 3.0, 0.0, 0.0, math.pi / 2],
-    "width": 8,
-    "height": 6,
-    "update_rate": 100.0,
-    "camera_matrix": [5.0, 6.0, 3.0, 2.0],
-    "distortion_coefficients": [0.01, 0.02, 0.03, 0.04, 0.05],
-    "distortion_model": "plumb_bob",
-    "depth": True,
-    "segmentation": True,
+    "parent": "world", "pose": [1.0, 2.0, 3.0, 0.0, 0.0, math.pi / 2], "width": 8, "height": 6,
+    "update_rate": 100.0, "camera_matrix": [5.0, 6.0, 3.0, 2.0], "distortion_model": "plumb_bob",
+    "distortion_coefficients": [0.01, 0.02, 0.03, 0.04, 0.05], "depth": True, "segmentation": True,
     "effects": {
         "row_time": 1e-6, "exposure_time": 2e-3, "exposure_samples": 1,
         "sensor": {"gain": 0.02, "full_well": 12e3, "read_noise": 7.0, "dark_current": 30.0}}}
@@ -87,14 +80,12 @@ def test_nothing_is_drawn_while_nobody_listens(eye):
     sensor = eye.mounted.sensor
     assert not eye.mounted.enabled
     for topic, wanted in (
-        ("/eye/image_raw", (True, False, False)),
-        ("/eye/camera_info", (True, False, False)),
+        ("/eye/image_raw", (True, False, False)), ("/eye/camera_info", (True, False, False)),
         ("/eye/image_raw/compressed", (True, False, False)),
         ("/eye/depth/image_raw", (True, True, False)),
         ("/eye/depth/camera_info", (True, False, False)),
         ("/eye/segmentation/image_raw", (True, False, True)),
-        ("/eye/segmentation/labels", (True, False, False)),
-    ):
+        ("/eye/segmentation/labels", (True, False, False))):
         for count in (1, 0):
             eye.graph.listen(topic, count)
             eye.thread.call(lambda: None)

@@ -35,7 +35,7 @@ def port(monkeypatch) -> Iterator[int]:
     server.shutdown()
 
 
-def test_one_that_says_nothing_keeps_nobody_waiting(port):
+def test_silent_connections_keep_nobody_waiting_and_many_may_come_at_once(port):
     silent = [socket.create_connection(("127.0.0.1", port)) for _ in range(3)]
     with socket.create_connection(("127.0.0.1", port), timeout=20.0) as asks:
         field = b"service=/x"
@@ -43,12 +43,14 @@ def test_one_that_says_nothing_keeps_nobody_waiting(port):
         assert asks.recv(100) == b"/x"
     for connection in silent:
         connection.close()
-
-
-def test_many_may_come_at_once(port):
     listening = tcpros_base._tcpros_server.tcp_ros_server.server_sock
     info = listening.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, GREATEST_BACKLOG.size)
     assert GREATEST_BACKLOG.unpack(info) == (connections.BACKLOG,)
+    mended = masterslave.ROSHandler._connect_topic, registration.RegManager.publisher_update
+    connections.find_publishers()
+    assert (masterslave.ROSHandler._connect_topic,
+            registration.RegManager.publisher_update) == mended  # fmt: skip
+    assert not {*mended} & {CONNECT, UPDATE}
 
 
 class Publishers:
@@ -140,11 +142,3 @@ def test_what_the_master_told_outlives_the_older_answer_to_the_subscription(port
     finally:
         manager.handler.done = True
         connecting.join(20.0)
-
-
-def test_connections_are_mended_once(port):
-    mended = masterslave.ROSHandler._connect_topic, registration.RegManager.publisher_update
-    connections.find_publishers()
-    assert (masterslave.ROSHandler._connect_topic,
-            registration.RegManager.publisher_update) == mended  # fmt: skip
-    assert not {*mended} & {CONNECT, UPDATE}

@@ -31,9 +31,14 @@ def controller(name, kind="a/A", state="stopped", **claims):
         for key, joints in claims.items()])
 
 
-def test_functions_are_those_of_the_program():
+def test_functions_are_those_of_the_program_and_find_controllers_by_their_types(monkeypatch):
     for name in interface.__all__:
         assert getattr(interface, name) is getattr(controller_manager, name)
+    values = {"one": {"type": "A"}, "no": {"type": {"a": "B"}}, "yet": {}, "x": 1,
+              "type": {"two": "C"}}
+    monkeypatch.setattr(utils.rospy, "get_param", {"/": values}.get)
+    assert utils.get_rosparam_controller_names("/") == ["one"]
+    assert utils.get_rosparam_controller_names("") == ["one"]
 
 
 ARM = controller("arm", "effort_controllers/JointTrajectoryController", "running",
@@ -104,11 +109,3 @@ def test_the_controllers_of_a_manager_are_listed(graph):
     graph.services["/left/controller_manager/list_controllers"] = gone
     assert lister() == []
     assert utils.ControllerLister().namespace == "/controller_manager"
-
-
-def test_a_controller_is_what_has_a_text_for_its_type(monkeypatch):
-    values = {"one": {"type": "A"}, "no": {"type": {"a": "B"}}, "yet": {}, "x": 1,
-              "type": {"two": "C"}}
-    monkeypatch.setattr(utils.rospy, "get_param", {"/": values}.get)
-    assert utils.get_rosparam_controller_names("/") == ["one"]
-    assert utils.get_rosparam_controller_names("") == ["one"]

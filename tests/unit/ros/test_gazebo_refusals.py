@@ -79,8 +79,7 @@ REFUSED = [  # (service, fields, what the reason says)
      "attenuation_constant"),
     ("delete_light", {"light_name": "ghost"}, "ghost"),
     ("delete_model", {"model_name": "ghost"}, "existing models: ground_plane, slider, ball"),
-    ("apply_body_wrench", {"body_name": "slider::ghost"},
-     "ApplyBodyWrench: link 'slider::ghost'"),
+    ("apply_body_wrench", {"body_name": "slider::ghost"}, "ApplyBodyWrench: link 'slider::ghost'"),
     ("apply_body_wrench", {"body_name": "slider::box"}, "has no mass"),
     *[("apply_body_wrench", {"body_name": "ball", "wrench": wrench(y)}, "force")
       for y in (NAN, 1.1e9)],

@@ -3,7 +3,6 @@
 import math
 from threading import Thread
 
-import numpy as np
 import pytest
 import rospy
 from gazebo_msgs.msg import LinkState, ModelState, ODEJointProperties
@@ -20,7 +19,7 @@ def velocity(call):
     return call("get_link_state", "ball::ball").link_state.twist
 
 
-def test_time_advances_by_steps(api, call, step):
+def test_steps_advance_a_paused_world(api, call, step):
     answer = step(7)
     assert answer.sim_time.to_nsec() == 7_000_000
     assert call("get_world_properties").sim_time == pytest.approx(0.007)
@@ -29,6 +28,12 @@ def test_time_advances_by_steps(api, call, step):
     api.thread.limits.clear()
     assert step(1).status_message == "made 1 steps" and api.thread.limits[0] == 600.0
     assert call("get_world_properties").rendering_enabled
+    call("unpause_physics")
+    assert not api.thread.paused
+    assert "pause_physics" in call("step_world", 1, refused=True).status_message
+    call("pause_physics")
+    assert api.thread.paused
+    call("step_world", 1)
 
 
 def test_the_largest_number_of_steps_is_made(api):
@@ -39,15 +44,6 @@ def test_the_largest_number_of_steps_is_made(api):
     api.thread.stop()
     asking.join(30.0)
     assert "1 to 1000000" not in answers[0].status_message
-
-
-def test_no_steps_while_time_runs(api, call):
-    call("unpause_physics")
-    assert not api.thread.paused
-    assert "pause_physics" in call("step_world", 1, refused=True).status_message
-    call("pause_physics")
-    assert api.thread.paused
-    call("step_world", 1)
 
 
 def test_resets(api, call, step, ball):
@@ -92,10 +88,8 @@ def test_states_are_relative_to_frames(call, another, ball):
 def test_a_model_is_put_with_its_twist_in_the_frame_s_axes(api, call, another, ball):
     another(Pose())
     state = {
-        "model_name": "other",
-        "pose": Pose(Point(1.0, 2.0, 3.0), Quaternion(0.0, 0.0, 0.0, 1.0)),
-        "twist": Twist(Vector3(1.0, 0.0, 0.0), Vector3(0.0, 2.0, 0.0)),
-        "reference_frame": "ball"}
+        "model_name": "other", "pose": Pose(Point(1.0, 2.0, 3.0), Quaternion(0.0, 0.0, 0.0, 1.0)),
+        "twist": Twist(Vector3(1.0, 0.0, 0.0), Vector3(0.0, 2.0, 0.0)), "reference_frame": "ball"}
     call("set_model_state", ModelState(**state))
     there = call("get_model_state", "other", "")
     assert xyz(there.pose.position) == pytest.approx((-2.0, 1.0, 103.0))
@@ -153,18 +147,6 @@ def test_a_force_acts_from_its_start_for_its_duration(api, call, step, ball):
     assert velocity(call).linear.y == pytest.approx(0.022, abs=1e-9)
 
 
-def test_a_mesh_that_would_hold_time_up_is_refused_with_the_limit(call, tmp_path):
-    """A million triangles held simulated time up for 16 s."""
-    triangles = np.zeros(1_000_000, [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("", "<u2")])
-    triangles["corners"] = np.eye(3)
-    path = tmp_path / "large.stl"
-    path.write_bytes(bytes(80) + np.uint32(len(triangles)).tobytes() + triangles.tobytes())
-    shape = f'<geometry><mesh filename="file://{path}"/></geometry>'
-    text = f'<robot name="m"><link name="l"><visual>{shape}</visual></link></robot>'
-    answer = call("spawn_urdf_model", "m", text, "", Pose(), "", refused=True)
-    assert "1000000 triangles, more than the limit of 300000" in answer.status_message
-
-
 def test_what_is_cleared_of_bodies_stays_on_joints_and_the_reverse(call, step, ball, slider):
     pushes = {"wrench": Wrench(force=Vector3(1.0, 0.0, 0.0)), "duration": FOR_EVER}
     call("apply_body_wrench", body_name="ball", **pushes)
@@ -172,8 +154,7 @@ def test_what_is_cleared_of_bodies_stays_on_joints_and_the_reverse(call, step, b
     for clear, name, pushed in (
         ("clear_body_wrenches", "rail", True), ("clear_joint_forces", "ball::ball", True),
         ("clear_body_wrenches", "somebody::else", True),
-        ("clear_body_wrenches", "ball::ball", False),
-    ):
+        ("clear_body_wrenches", "ball::ball", False)):
         call(clear, name)
         before = velocity(call).linear.x, call("get_joint_properties", "rail").rate[0]
         step(5)
@@ -322,15 +303,12 @@ def test_joints_of_every_type_and_of_models_that_stand(call):
         assert (told.position, told.rate) == ([0.0], [0.0])
 
 
-@pytest.mark.parametrize("value", [1e9, -1e9])
-def test_numbers_up_to_a_thousand_million_are_taken(value):
-    assert conversions.check_bounds((0.0, value), "it") == (0.0, value)
-    for wrong in (1.001 * value, math.nan):
-        with pytest.raises(WorldError, match="it: .* must be finite and within ±1e.09"):
-            conversions.check_bounds((0.0, wrong), "it")
-
-
-def test_times_are_whole_nanoseconds():
+def test_bounds_of_numbers_and_times_in_nanoseconds():
+    for value in (1e9, -1e9):
+        assert conversions.check_bounds((0.0, value), "it") == (0.0, value)
+        for wrong in (1.001 * value, math.nan):
+            with pytest.raises(WorldError, match="it: .* must be finite and within ±1e.09"):
+                conversions.check_bounds((0.0, wrong), "it")
     assert conversions.to_time(3_000_000_004) == rospy.Time(3, 4)
     assert conversions.from_time(rospy.Duration(-2, 5)) == -1_999_999_995
     assert conversions.to_duration(1.25) == rospy.Duration(1, 250_000_000)

@@ -357,15 +357,14 @@ def test_a_request_reaches_the_loop_or_says_why_not(host, name):
     assert "servoing" in host.execute(PageRequest(name, {}))
 
 
-def test_nothing_is_recorded_where_no_simulator_answers(host, listener, tmp_path):
+def test_recording_and_teaching_are_refused_where_nothing_would_be_recorded(
+    host, listener, tmp_path
+):
     """The recorder waited for a time, and the page had no answer."""
     listener.run_trace.factor = None
     with pytest.raises(RefusedRequestError, match="^/gazebo/get_world_properties does not answer"):
         host.execute(PageRequest("record", {}))
     assert not (tmp_path / "bags").exists()
-
-
-def test_teaching_is_refused_where_nothing_would_be_seen(host, listener):
     teach = PageRequest("teach", {"name": "mine"})
     listener.run_trace.factor = None
     with pytest.raises(RefusedRequestError,

@@ -125,8 +125,7 @@ def gazebo(program):
         ("set_model_configuration", gz.SetModelConfiguration, {"success": True}),
         ("unpause_physics", Empty, {}), ("delete_model", gz.DeleteModel, {"success": True}),
         ("get_physics_properties", gz.GetPhysicsProperties, {"pause": True}),
-        ("pause_physics", Empty, {}),
-    ):
+        ("pause_physics", Empty, {})):
         program.serve(f"/gz/{name}", kind, **answer)
     return program
 
@@ -261,8 +260,7 @@ STOPPED = [("switch_controller", [], ["a", "b"], 2, False, 0.0), ("unload_contro
     ([], "", 30.0, True), (["--stopped"], "", 30.0, False),
     (["--namespace", "/rig"], "/rig", 30.0, True), (["--namespace=/rig/"], "/rig", 30.0, True),
     (["--timeout", "0.5"], "", 0.5, True), (["--timeout", "0"], "", None, True),
-    (["--no-timeout"], "", None, True),
-    (["--shutdown-timeout", "0.1"], "", 30.0, True)])
+    (["--no-timeout"], "", None, True), (["--shutdown-timeout", "0.1"], "", 30.0, True)])
 def test_spawner_loads_starts_and_undoes_it(program, given, namespace, timeout, starts):
     program.manager(namespace)
     assert program.run(spawner, *given, "a", "b") == 0
@@ -411,8 +409,7 @@ def test_unspawner_keeps_stopped_what_it_is_told_and_starts_it_at_the_end(progra
     assert periods == [
         [listed, ("switch_controller", [], ["b", "a"], 1, False, 0.0)],
         [listed, ("switch_controller", [], ["b", "a"], 1, False, 0.0)],
-        [listed, ("switch_controller", [], ["c", "a"], 1, False, 0.0)],
-        [listed]]
+        [listed, ("switch_controller", [], ["c", "a"], 1, False, 0.0)], [listed]]
     assert program.calls() == [("switch_controller", ["b", "a", "c"], [], 1, False, 0.0)]
     assert program.graph.lines[0].startswith("the controller manager does not answer: x;")
     told = program.graph.lines[-1] == (

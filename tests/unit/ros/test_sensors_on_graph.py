@@ -108,12 +108,10 @@ def test_a_reading_is_told_in_every_field_while_somebody_listens(
 
 
 @pytest.mark.parametrize(("given", "topic", "frame"), [
-    ({"topic": "imu", "namespace": None}, "/rig/imu", "hand"),
-    ({"topic": "imu"}, "/imu", "hand"),
+    ({"topic": "imu", "namespace": None}, "/rig/imu", "hand"), ({"topic": "imu"}, "/imu", "hand"),
     ({"topic": "imu", "namespace": "/a/b/", "frame": "/lens"}, "/a/b/imu", "x/lens"),
     ({"topic": "/imu", "namespace": "a"}, "/imu", "x/hand"),
-    ({"wrench_frame": "parent"}, "/t", "arm"),
-    ({"wrench_frame": "sensor"}, "/t", "hand"),
+    ({"wrench_frame": "parent"}, "/t", "arm"), ({"wrench_frame": "sensor"}, "/t", "hand"),
     ({"wrench_frame": "parent", "frame": "lens"}, "/t", "lens")])
 def test_names_and_frames(graph, thread, sensor, given, topic, frame):
     graph.parameters["/a/tf_prefix"] = "x"

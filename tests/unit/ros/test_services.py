@@ -8,7 +8,7 @@ from gazebo_msgs.srv import DeleteLight
 from std_srvs.srv import Empty, SetBool, Trigger
 
 from aras_sim_bridge.errors import SimError
-from aras_sim_bridge.ros.runtime.services import ServiceTable, find_handlers, service_handler
+from aras_sim_bridge.ros.runtime.services import ServiceTable, service_handler
 
 
 @pytest.mark.parametrize(("turn", "most"), [(None, 2), (threading.Lock(), 1)])
@@ -76,16 +76,3 @@ def test_a_fault_is_an_answer_or_a_failed_call_and_a_line(graph, thread):
     assert answer.success is False
     assert answer.status_message == "DeleteLight: internal error, SystemExit: gone"
     assert "please report it" in graph.lines[-1]
-
-
-def test_handlers_are_found_where_they_are():
-    class Some:
-        @service_handler(Trigger)
-        def one(self, _simulation: object, _request: object) -> None:
-            """Handler of a service."""
-
-        def other(self) -> None:
-            """Method without a service."""
-
-    some = Some()
-    assert find_handlers(some) == [some.one]

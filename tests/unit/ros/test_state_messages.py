@@ -17,7 +17,15 @@ from aras_visual_servo_controller.records.state import JointCommand, ServoState
 from aras_visual_servo_controller.settings import ControllerSettings
 
 
-def test_every_part_of_a_state_comes_back_from_its_two_messages(graph, face):
+@pytest.fixture
+def clock(monkeypatch):
+    """Wall time, s, as it is set here."""
+    now = [100.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    return now
+
+
+def test_every_field_of_a_state_is_sent_and_read_again(graph, face):
     from aras_visual_servo_controller.ros.recorded_messages import read_state
 
     state = made_state(3.217654321)
@@ -49,11 +57,7 @@ def test_every_part_of_a_state_comes_back_from_its_two_messages(graph, face):
     assert len(said) == 3 and {one[1:] for one in said.values()} == {(5, False)}
     twist = graph.publishers["/two/controller/camera_twist"].sent[-1]
     assert twist.twist == message.camera_twist and twist.header == message.header
-
-
-def test_every_field_of_the_messages_is_filled(graph, face):
-    """A field that is declared in msg/ and set nowhere would be 0 or empty for ever."""
-    for message in told(graph, face, made_state(3.217654321)):
+    for message in told(graph, face, state):  # or a field would be 0 or empty for ever
         blank = type(message)()
         unset = [name for name in message.__slots__
                  if getattr(message, name) == getattr(blank, name)]  # fmt: skip
@@ -89,9 +93,7 @@ def test_what_a_state_has_not_is_not_made_up(graph, face):
     assert read_state(message, report).scheme_output.filtered_error is None
 
 
-def test_states_are_logged_when_they_are_new(graph, face, monkeypatch):
-    now = [100.0]
-    monkeypatch.setattr("time.monotonic", lambda: now[0])
+def test_states_are_logged_when_they_are_new(graph, face, clock, monkeypatch):
     levels = []
     for name in ("loginfo", "logwarn", "logerr"):
         monkeypatch.setattr(rospy, name, lambda text, *a, name=name: levels.append(
@@ -101,7 +103,7 @@ def test_states_are_logged_when_they_are_new(graph, face, monkeypatch):
         ("holding", "no image", 0), ("holding", "another", 4), ("holding", "third", 1.5),
         ("converged", "", 0), ("approaching", "far", 0),
     ):  # fmt: skip
-        now[0] += wait
+        clock[0] += wait
         face.report(made_state(1.0, phase, reason=reason))
     assert levels == [("loginfo", "servoing"), ("loginfo", "servoing: slow"),
                       ("logwarn", "holding: no image"), ("logwarn", "holding: third"),
@@ -111,18 +113,16 @@ def test_states_are_logged_when_they_are_new(graph, face, monkeypatch):
     assert levels[-2:] == [("loginfo", "one line"), ("logerr", "Traceback\n  of a fault")]
 
 
-def test_commands_reach_their_controllers_in_their_order(graph, face, monkeypatch):
+def test_commands_reach_their_controllers_in_their_order(graph, face, clock, monkeypatch):
     from aras_visual_servo_controller.ros.command_publishers import CommandPublishers, publish
 
-    now = [100.0]
-    monkeypatch.setattr("time.monotonic", lambda: now[0])
     group = graph.publishers["/two/both"]
     group.resolved_name = "/two/both"
     assert group.options == {"queue_size": 10}
     for _ in range(4):
         face.send(JointCommand(1.0, JOINTS, np.array([0.1, 0.2])))
         face.send(JointCommand(1.0, JOINTS))
-        now[0] += 3.0
+        clock[0] += 3.0
     assert [list(one.data) for one in group.sent] == [[0.1, 0.2]] * 4
     assert graph.lines == [
         "no controller subscribes to /two/both: start that controller (rosrun controller_manager "
@@ -155,28 +155,18 @@ def test_commands_reach_their_controllers_in_their_order(graph, face, monkeypatc
     publish(each[0], None)  # while the node ends nobody is told
 
 
-def test_a_recorder_is_waited_for_in_vain_no_longer_than_it_takes(graph, monkeypatch):
+def test_a_recorder_is_waited_for_no_longer_than_it_takes(graph, clock, monkeypatch):
     from aras_visual_servo_controller.ros.ros_publisher import RosPublisher
 
-    now = [100.0]
-    monkeypatch.setattr("time.monotonic", lambda: now[0])
-    monkeypatch.setattr("time.sleep", lambda seconds: now.__setitem__(0, now[0] + seconds))
+    monkeypatch.setattr("time.sleep", lambda seconds: clock.__setitem__(0, clock[0] + seconds))
     two = RosPublisher(ControllerSettings(namespace="/two", command_topic="both", listeners=2),
                        JOINTS, "eye")
     two.state_publisher.impl.connections = [None]
     two.wait_for_listeners()
-    assert 105.0 < now[0] < 105.1 and "has 1 of 2 subscribers after 5 s" in graph.lines[0]
+    assert 105.0 < clock[0] < 105.1 and "has 1 of 2 subscribers after 5 s" in graph.lines[0]
     two.state_publisher.impl.connections = [None, None]
     two.wait_for_listeners()
-    assert now[0] < 105.1 and len(graph.lines) == 1
-
-
-@pytest.fixture
-def clock(monkeypatch):
-    """Wall time, s, as it is set here."""
-    now = [100.0]
-    monkeypatch.setattr("time.monotonic", lambda: now[0])
-    return now
+    assert clock[0] < 105.1 and len(graph.lines) == 1
 
 
 @pytest.fixture
@@ -253,15 +243,14 @@ def test_a_listener_knows_what_the_graph_said_last(graph, listener, face):
 
 
 def test_a_clock_that_goes_back_and_another_robot_begin_anew(graph, listener, clock):
-    now = clock
     for stamp in (1.0, 1.5):
         hear(graph, "/two/joint_states", joint_states(stamp))
         story = listener.refresh()
-        now[0] += 0.5
+        clock[0] += 0.5
     assert story.factor == pytest.approx(1.0)
-    now[0] += 1.5
+    clock[0] += 1.5
     assert listener.refresh().factor == pytest.approx(1.0)  # heard 2 s ago
-    now[0] += 0.001
+    clock[0] += 0.001
     assert listener.refresh().factor is None
     cleared = []
     story.clear = lambda: cleared.append(True)
@@ -271,13 +260,13 @@ def test_a_clock_that_goes_back_and_another_robot_begin_anew(graph, listener, cl
     hear(graph, "/two/joint_states", joint_states(0.2))
     listener.refresh()
     assert listener.restart_count == 2 and cleared and listener.stamp == pytest.approx(0.2)
-    now[0] += 2.5
+    clock[0] += 2.5
     assert listener.refresh().factor is None  # nothing was heard for so long
     hear(graph, "/two/joint_states", SimpleNamespace(serialize=lambda f: f.write(b"\1")))
     listener.refresh()  # no message: it is as before
     same(listener.positions, position(0.2))
     graph.parameters["/robot_description"] = ARM.replace('"two"', '"three"')
-    now[0] += 1.0
+    clock[0] += 1.0
     assert listener.update() is not story
     assert (listener.robot_name, listener.robot_count, listener.restart_count) == ("three", 2, 3)
     assert listener.positions is None

@@ -40,8 +40,7 @@ def test_another_mass_and_centre_change_the_load_and_nothing_else(world, make):
     (lambda d: change_joint(d, "swing", friction=math.nan), "not finite"),
     (lambda d: change_joint(d, "swing", lower=1.0, upper=-1.0), "above the upper"),
     (lambda d: change_joint(d, "swing", lower=1.0), "no stops yet; give both"),
-    (lambda d: change_joint(d, "swing", upper=1.0), "no stops yet; give both"),
-])
+    (lambda d: change_joint(d, "swing", upper=1.0), "no stops yet; give both")])
 def test_impossible_changes_are_refused(make, change, reason):
     with pytest.raises(SimError, match=reason):
         change(parse_urdf(make.pendulum()))
@@ -63,8 +62,7 @@ def test_a_changed_description_is_the_same_but_for_what_was_asked(make):
         ("spin", {"lower": -0.5, "upper": 0.25}, "revolute", (-0.5, 0.25, 7.0, 100.0)),
         ("bare", {"lower": 0.0, "upper": 0.0, "damping": 0.0}, "revolute",
          (0.0, 0.0, math.inf, math.inf)),
-        ("spin", {"damping": 0.5}, "continuous", None),
-    ):
+        ("spin", {"damping": 0.5}, "continuous", None)):
         after, old = change_joint(before, joint, **given), before.joints[joint]
         expected = replace(old, kind=kind, limits=JointLimits(*limits) if limits else old.limits,
                            **{key: value for key, value in given.items() if key in (

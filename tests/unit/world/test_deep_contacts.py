@@ -93,12 +93,17 @@ def test_only_links_that_joints_move_count_and_the_deepest_is_first(world):
     assert found[-1].depth == pytest.approx(0.005, abs=2e-3)
 
 
+def spawn_at_plate(world, thickness, x):
+    """Spawn the robot, and a fixed upright plate of this thickness (m) before its slide."""
+    shape = SHAPE.format(f"{thickness} 0.4 0.4")
+    plate = parse_urdf(f'<robot name="plate"><link name="l">{shape}</link></robot>')
+    world.spawn(plate, "plate", Pose((x, 0.0, 1.0)))
+    return world.spawn(parse_urdf(ROBOT), "robot")
+
+
 def test_a_posture_is_judged_by_itself(world):
     """A contact of the posture before stayed, 0.1 m deep, as long as boxes overlapped."""
-    plate = parse_urdf('<robot name="plate"><link name="l"><collision><geometry>'
-                       '<box size="0.001 0.4 0.4"/></geometry></collision></link></robot>')
-    robot = world.spawn(parse_urdf(ROBOT), "robot")
-    world.spawn(plate, "plate", Pose((0.6, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0)))
+    robot = spawn_at_plate(world, 0.001, 0.6)
     depths = []
     for x in (0.0506, 0.1503, 0.0506):  # on its one side, on its other
         robot.set_joint_positions({"rail": x})
@@ -107,11 +112,8 @@ def test_a_posture_is_judged_by_itself(world):
 
 
 def test_without_a_posture_contacts_are_those_of_the_last_step():
-    plate = parse_urdf('<robot name="plate"><link name="l"><collision><geometry>'
-                       '<box size="0.02 0.4 0.4"/></geometry></collision></link></robot>')
     with World(gravity=(0.0, 0.0, 0.0)) as world:
-        robot = world.spawn(parse_urdf(ROBOT), "robot")
-        world.spawn(plate, "plate", Pose((0.61, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0)))
+        robot = spawn_at_plate(world, 0.02, 0.61)
         robot.set_joint_positions({"rail": 0.0515})
         assert find_overlaps(world, robot) == []  # none was made
         (first, *_) = find_overlaps(world, robot, before_step=True)

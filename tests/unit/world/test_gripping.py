@@ -23,8 +23,7 @@ def gripper(make, mu=None, tips=False, mimic=True, least=0.0, more=""):
     follows = '<mimic joint="left" multiplier="1"/>' if mimic else ""
     parts = [
         make.link("world"), make.link("palm", 1.0, "0 0 0", (0.01,) * 3 + (0, 0, 0)),
-        make.joint("lift", "world", "palm", "prismatic", f"0 0 {PALM}", "0 0 1", -0.3, 0.5, 300.0),
-    ]
+        make.joint("lift", "world", "palm", "prismatic", f"0 0 {PALM}", "0 0 1", -0.3, 0.5, 300.0)]
     for side, sign in (("left", 1.0), ("right", -1.0)):
         shape = "" if tips else finger
         rough = f'<gazebo reference="{side}_{"tip" if tips else "finger"}"><mu1>{mu}</mu1></gazebo>'
@@ -32,8 +31,7 @@ def gripper(make, mu=None, tips=False, mimic=True, least=0.0, more=""):
             make.link(f"{side}_finger", 0.1, "0 0 0", still, shape),
             make.joint(side, "palm", f"{side}_finger", "prismatic", f"0 {0.045 * sign} {-REACH}",
                        f"0 {-sign} 0", least, 0.04, 50.0, 0.05, extra=follows * (sign < 0)),
-            rough if mu is not None else "",
-        ]
+            rough if mu is not None else ""]
         if tips:
             parts += [make.link(f"{side}_tip", 0.01, "0 0 0", (1e-6,) * 3 + (0, 0, 0), finger),
                       make.joint(f"at_{side}", f"{side}_finger", f"{side}_tip", "fixed")]

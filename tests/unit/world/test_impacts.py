@@ -42,8 +42,7 @@ def rebound(world, model, height, speed, count=120):
 
 
 @pytest.mark.parametrize(("what", "ground", "speed"), [
-    ("ball", "plane", 5.9), ("block", "plane", 0.6), ("block", "box", 5.9), ("plate", "box", 0.6),
-])
+    ("ball", "plane", 5.9), ("block", "plane", 0.6), ("block", "box", 5.9), ("plate", "box", 0.6)])
 def test_what_falls_stays_where_it_fell(make, ground, what, speed):
     """Wherever in a step it strikes; Bullet alone throws it back at up to 0.14 of its speed."""
     size = (0.3, 0.2, 0.02) if what == "plate" else (0.05, 0.03, 0.04)
@@ -80,8 +79,7 @@ def test_a_plate_that_spins_strikes_with_its_corner(make, higher):
 
 @pytest.mark.parametrize(("own", "ground", "expected"), [
     ((0.9, 0.0), (0.5, 0.0), 0.5), ((0.4, 0.0), (0.8, 0.0), 0.4), (None, (0.7, 0.0), 0.7),
-    ((0.9, 3.0), None, 0.0), ((0.9, 1.0), None, 0.9), ((0.9, 3.0), (0.9, 1.0), 0.9),
-])
+    ((0.9, 3.0), None, 0.0), ((0.9, 1.0), None, 0.9), ((0.9, 3.0), (0.9, 1.0), 0.9)])
 def test_of_two_coefficients_and_thresholds_the_smaller_counts(world, make, own, ground, expected):
     world.spawn(floor(make, *(ground or ())), "floor")
     model = world.spawn(ball(make, *(own or ())), "ball", Pose((0, 0, 0.05)))
@@ -125,8 +123,7 @@ def test_a_ball_that_spins_takes_its_spin_along_the_wall(world, ground, make):
 
 
 @pytest.mark.parametrize(("struck", "speed", "other"), [
-    ("base", 7.0, 7.0), ("base", 7.0, 2.0), ("slide", 7.0, 2.0),
-])
+    ("base", 7.0, 7.0), ("base", 7.0, 2.0), ("slide", 7.0, 2.0)])
 def test_what_moves_ahead_is_struck_when_a_ball_has_caught_up_with_it(make, struck, speed, other):
     """A loose model with a joint, or what slides on a bolted one, 4.3 mm ahead: not before."""
     parts = [make.link("body", 3.0, shapes=make.box("0.06 0.1 0.1"))]

@@ -221,8 +221,7 @@ def test_without_hard_limits_a_push_does(make, switch):
 @pytest.mark.parametrize(("options", "error", "reason"), [
     ({"switch": "yes"}, HardwareError, "hard_velocity_limits is 'yes', must be true or false"),
     ({"switch": True, "bolted": False}, WorldError, "fixed base"),
-    ({"switch": True, "velocity": "0"}, WorldError, "would lock the joint"),
-])
+    ({"switch": True, "velocity": "0"}, WorldError, "would lock the joint")])
 def test_what_cannot_be_done_is_refused_and_nothing_is_spawned(make, options, error, reason):
     with pytest.raises(error, match=reason):
         spawned(make, **options)

@@ -38,8 +38,7 @@ def test_no_link_ever_leaves_its_box(world, make, seed):
         model.set_joint_positions({j: rng.uniform(-0.6, 0.6) for j in model.joint_names})
         for link, (low, high) in boxes.items():
             at = model.link_pose(link)
-            found = [at.apply(tuple(one)) for one in corners((0.3, 0.1, 0.2),
-                                                             (0.1, -0.2, 0.05))]
+            found = [at.apply(tuple(one)) for one in corners((0.3, 0.1, 0.2), (0.1, -0.2, 0.05))]
             assert (np.array(found) >= low).all() and (np.array(found) <= high).all(), link
 
 
@@ -111,8 +110,7 @@ def test_what_may_meet_touches_a_root_or_what_another_s_joints_reach(world, make
         (post, (0.15, 0.0, 0.0), True), (post, (0.3, 0.0, 0.0), False),
         (post, (2.1, 5.0, 0.0), True), (post, (-0.9, 5.0, 0.1), True),
         (post, (3.0, 5.0, 0.0), False), (groove, (-3.0, 0.0, 1.1), True),
-        (groove, (3.0, 0.0, 1.1), True), (groove, (0.0, 0.0, 1.1), False),
-    ):
+        (groove, (3.0, 0.0, 1.1), True), (groove, (0.0, 0.0, 1.1), False)):
         model = world.spawn(parse_urdf(text), "m")
         box = BoundingBox(tuple(v - 0.1 for v in at), tuple(v + 0.1 for v in at))
         assert reach.can_meet([BoundingBox((9, 9, 99), (9, 9, 99)), box], model) is ever

@@ -46,10 +46,9 @@ def test_it_rolls_across_its_axis(make, kind, on, aslant):
         assert math.atan2(y, x) == pytest.approx(aslant, abs=2e-3)
 
 
-@pytest.mark.parametrize("width", [0.006, 0.05])
-def test_a_cart_coasts_on_its_wheels(world, make, width):
+def test_a_cart_coasts_on_thin_wheels(world, make):
     across = (2.6e-3, 2.6e-3, 5e-3, 0, 0, 0)
-    wheel = f'<collision><geometry><cylinder radius="0.1" length="{width}"/></geometry></collision>'
+    wheel = '<collision><geometry><cylinder radius="0.1" length="0.006"/></geometry></collision>'
     parts = [make.link("base", 10.0, "0 0 0", (0.3, 0.5, 0.6, 0, 0, 0))]
     for k, (x, y) in enumerate(((0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2))):
         parts += [make.link(f"w{k}", 1.0, "0 0 0", across, wheel),
@@ -70,5 +69,4 @@ def test_it_rests_across_an_edge_by_its_middle(world, make, kind):
     world.spawn(make.block((0.5, 0.04, 0.3), at="0 0 0.15", link="world"), "rail")
     body = world.spawn(lying(make, kind), "m", Pose((0, 0, 0.3 + RADIUS - 0.02)))
     make.step(world, 1500)
-    assert body.link_pose("round").apply((0, 0, 0.02))[2] == pytest.approx(
-        0.3 + RADIUS, abs=2e-4)
+    assert body.link_pose("round").apply((0, 0, 0.02))[2] == pytest.approx(0.3 + RADIUS, abs=2e-4)

@@ -184,8 +184,7 @@ def distal(model, joint):
 @pytest.mark.parametrize("joint", ["swing", "flange"])
 @pytest.mark.parametrize(("frame", "direction", "pose"), [
     (None, None, ""), ("child", "parent_to_child", ""), ("parent", "child_to_parent", ""),
-    ("sensor", "parent_to_child", "<pose>9 9 9 0.3 0.2 0.1</pose>"),
-])
+    ("sensor", "parent_to_child", "<pose>9 9 9 0.3 0.2 0.1</pose>")])
 def test_a_wrench_at_rest_is_the_weight_of_what_hangs_there(make, joint, frame, direction, pose):
     tags = wrench_of(joint) + (
         f'<gazebo reference="{joint}"><sensor name="s" type="force_torque">{pose}<force_torque>'
@@ -205,8 +204,7 @@ def test_a_wrench_at_rest_is_the_weight_of_what_hangs_there(make, joint, frame, 
 
 
 def test_a_wrench_contains_what_is_applied_to_the_tool(make):
-    simulation, model, (readings,) = make(
-        arm("fixed", tags=wrench_of("flange")))
+    simulation, model, (readings,) = make(arm("fixed", tags=wrench_of("flange")))
     steps(simulation, 3)
     still = readings[-1]
     pose = model.link_pose("tool")
@@ -246,8 +244,7 @@ def test_a_wrench_contains_what_the_ground_bears_of_it(make):
 
 
 @pytest.mark.parametrize(("rate", "expected"), [
-    (0, list(range(2, 101))), (100, list(range(10, 101, 10))), (30, [34, 67, 100]),
-])
+    (0, list(range(2, 101))), (100, list(range(10, 101, 10))), (30, [34, 67, 100])])
 def test_readings_come_at_the_first_tick_of_each_period(make, rate, expected):
     tags = plugin("p3d", {"bodyName": "tool", "topicName": "t", "updateRate": rate})
     simulation, _, (readings,) = make(arm(tags=tags))
@@ -387,8 +384,7 @@ def test_a_base_with_a_bumper_is_not_held_and_feels_the_ground(make):
     (plugin("bumper", {}), "it names no <collision>"),
     (imu_on("base").replace("frameName", "frame"), "a plug-in is ignored, because <frameName> is "
                                                    "missing"),
-    (imu_on("base").replace("imu_sensor.so", "p3d.so"), "because it must be in"),
-])
+    (imu_on("base").replace("imu_sensor.so", "p3d.so"), "because it must be in")])
 def test_a_sensor_that_measures_nothing_costs_one_line(tags, reason):
     read = parse_urdf(arm(tags=tags + wrench_of("swing")))
     # A setting that is none of the plug-in's has a line of its own.

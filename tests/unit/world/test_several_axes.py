@@ -63,8 +63,7 @@ def test_a_screw_moves_its_child_along_as_it_turns(make, bolt, pitch):
     ("universal", "<axis><xyz>1 0 0</xyz></axis><axis2><xyz>-1 0 0</xyz></axis2>", "",
      "joint 'j': <axis> and <axis2> are parallel"),
     ("universal", CROSS.format("", ""), "<link name='j_cross'/>",
-     "the simulator adds a link 'j_cross'"),
-])
+     "the simulator adds a link 'j_cross'")])
 def test_a_joint_that_cannot_be_is_named_and_the_world_starts(kind, inside, bolt, reason):
     with pytest.raises(DescriptionError, match=reason):
         read(kind, inside, bolt)
@@ -105,8 +104,7 @@ def model(shape, static):
     ("<box><size>0.2 0.4 0.6</size></box>", 0.3), ("<sphere><radius>0.3</radius></sphere>", 0.3),
     ("<cylinder><radius>0.1</radius><length>0.6</length></cylinder>", 0.3),
     ("<plane><normal>0 0 1</normal><size>5 5</size></plane>", 0.0),
-    (f"<mesh><uri>file://{ROBOT}/meshes/link1.stl</uri></mesh>", 0.1945),
-])
+    (f"<mesh><uri>file://{ROBOT}/meshes/link1.stl</uri></mesh>", 0.1945)])
 def test_shapes_carry_what_falls_on_them(world, make, shape, height):
     world.spawn(model(shape, 1), "m", Pose((1, 2, 0)))
     ball = model("<sphere><radius>0.05</radius></sphere>", 0)

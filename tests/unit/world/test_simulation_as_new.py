@@ -117,10 +117,8 @@ def test_a_position_joint_stays_where_it_is_spawned_put_and_reset(make, paramete
     model = simulation.spawn(parse_urdf(pendulum), "arm", parameters=parameters,
                              joint_positions={"swing": 0.7})
     for change, place in (
-        (lambda: None, 0.7),
-        (lambda: simulation.set_joint_positions("arm", {"swing": -0.4}), -0.4),
-        (simulation.reset_simulation, 0.7),
-    ):
+        (lambda: None, 0.7), (lambda: simulation.set_joint_positions("arm", {"swing": -0.4}), -0.4),
+        (simulation.reset_simulation, 0.7)):
         change()
         make.step(simulation, 600)
         assert model.read_joints()[0][0] == pytest.approx(place, abs=5e-3)

@@ -59,8 +59,7 @@ def swung(make, way, step, root="world", seconds=3.0):
     simulation = Simulation(SimulationConfig(step, (0.0, 0.0, 0.0), ground_plane=False))
     try:
         interface = "Position" if way == "drive" else "Effort"
-        simulation.spawn(parse_urdf(arm(make, root, interface)), "arm",
-                         parameters=settings)
+        simulation.spawn(parse_urdf(arm(make, root, interface)), "arm", parameters=settings)
         robot = simulation.robots["arm"]
         robot.start(controllers)
         simulation.step()
@@ -93,8 +92,7 @@ def swung(make, way, step, root="world", seconds=3.0):
 
 @pytest.mark.parametrize(("way", "root"), [
     ("Position", "world"), ("Trajectory", "world"), ("drive", "world"), ("Velocity", "world"),
-    ("Position", "trunk"),
-])
+    ("Position", "trunk")])
 def test_steps_diverge_where_it_is_told_and_not_before(make, way, root, caplog):
     longest = 0.005 / swung(make, way, 0.005, root, 0.01)[0]
     assert 0.002 < longest < 0.1

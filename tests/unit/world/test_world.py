@@ -78,14 +78,12 @@ def test_the_ground_plane_is_gazebo_s(world):
 
 
 @pytest.mark.parametrize(("arguments", "text"), [
-    ({"name": ""}, "not empty"),
-    ({"name": "taken"}, "'taken' exists already"),
+    ({"name": ""}, "not empty"), ({"name": "taken"}, "'taken' exists already"),
     ({"pose": Pose((math.nan, 0, 0))}, "position.*not finite"),
     ({"pose": Pose((0, 0, 0), (0, 0, math.inf, 1))}, "orientation.*not finite"),
     ({"pose": ((0, 0), (0, 0, 0, 1))}, "needs 3 numbers"),
     ({"joint_positions": {"J9": 0.0}}, "no moving joint 'J9'; its moving joints: swing"),
-    ({"joint_positions": {"swing": math.nan}}, "'swing': position nan is not finite"),
-])
+    ({"joint_positions": {"swing": math.nan}}, "'swing': position nan is not finite")])
 def test_bad_spawns_are_refused_and_leave_the_world_alone(world, make, arguments, text):
     description = parse_urdf(make.pendulum())
     world.spawn(description, "taken")
@@ -114,8 +112,7 @@ def test_what_bullet_does_not_take_whole_is_refused(world, make, monkeypatch, na
     ("time_step", "time step", (0.1, 1e-6), (0.99e-6, 0.101, "0.001")),
     ("solver_iterations", "solver iterations", (1, 10000), (0, 10001, 1.5)),
     ("gravity", "gravity", ((0.0, 0.0, 0.0), (100.0, -100.0, 0.0)),
-     ((100.1, 0.0, 0.0), (0.0, -100.1, 0.0), (0, 0, math.nan))),
-])
+     ((100.1, 0.0, 0.0), (0.0, -100.1, 0.0), (0, 0, math.nan)))])
 def test_steps_gravity_and_sweeps_are_taken_up_to_their_bounds(name, reason, good, bad):
     with World(**{name: good[0]}) as world:
         for value in good:
@@ -178,8 +175,7 @@ def test_joints_that_mimic_begin_where_their_leaders_do(world, make):
         make.joint("first", "world", "d"))
     for name, given, expected in (
         ("none", {}, (0.5, 0.2, 0.0, 0.0)), ("one", {"first": 0.6}, (-0.1, -0.1, 1.8, 0.6)),
-        ("two", {"first": 0.6, "middle": 1.0}, (2.1, 1.0, 1.8, 0.6)),
-    ):
+        ("two", {"first": 0.6, "middle": 1.0}, (2.1, 1.0, 1.8, 0.6))):
         model = world.spawn(parse_urdf(text), name, joint_positions=given)
         assert model.read_joints()[0] == pytest.approx(expected)
 
@@ -191,8 +187,7 @@ def test_unknown_names_carry_what_there_is(world, make):
          {"model": "swing", "joint": "elbow", "available": ("swing",)}),
         (UnknownLinkError, lambda: model.link_pose("hand"),
          {"link": "hand", "available": ("world", "bob")}),
-        (UnknownModelError, lambda: world.model("arm"), {"name": "arm", "available": ("swing",)}),
-    ):
+        (UnknownModelError, lambda: world.model("arm"), {"name": "arm", "available": ("swing",)})):
         with pytest.raises(kind) as caught:
             call()
         assert expected.items() <= vars(caught.value).items()

@@ -63,8 +63,7 @@ def saved(name):
 
 @pytest.mark.parametrize(("name", "count", "time_ns"), [
     ("stereo_table", 4, 41_260_000_000), ("arm_cell", 6, 12_345_000_000),
-    ("storeroom", 4, 7_001_000_000),
-])
+    ("storeroom", 4, 7_001_000_000)])
 def test_models_stand_where_the_state_puts_them(make, load, name, count, time_ns):
     simulation, found = load(name)
     assert found.time_ns == time_ns

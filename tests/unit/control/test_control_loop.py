@@ -33,7 +33,7 @@ def record(make_rig, make_joint):
     return make
 
 
-def test_each_step_reads_updates_and_writes_with_its_period_also_after_a_reset(record):
+def test_controllers_get_the_period_that_passed(record):
     rig, updates = record()
     for position in (0.5, 0.25):
         rig.model.q[0] = position
@@ -46,9 +46,6 @@ def test_each_step_reads_updates_and_writes_with_its_period_also_after_a_reset(r
         rig.loop.reset()
         rig.step()
         assert updates == [(time_ns // STEP + 1, 0.001)]
-
-
-def test_slower_controllers_get_the_period_that_passed_and_writing_goes_on(record):
     rig, updates = record(2_500_000)
     rig.step(7)
     # 2.5 ms is reached at whole steps only.

@@ -91,7 +91,7 @@ class TestLoading:
                 rig.manager.load(name)
         assert list(states(rig)) == ["a1"]
 
-    def test_unload_refuses_running_and_unknown(self, rig):
+    def test_unloading_and_reloading_refuse_what_runs_unless_forced(self, rig):
         load(rig, "a1")
         switch(rig, ["a1"])
         with pytest.raises(ControllerError, match="'a1'.*running"):
@@ -102,8 +102,6 @@ class TestLoading:
         switch(rig, (), ["a1"])
         rig.manager.unload("a1")
         assert states(rig) == {}
-
-    def test_reload_refuses_while_something_is_loaded_unless_forced(self, rig):
         (recorder,) = load(rig, "r")
         switch(rig, ["r"])
         with pytest.raises(ControllerError, match="r are loaded"):
@@ -160,13 +158,18 @@ class TestSwitching:
         assert switch(rig, start, stop, BEST_EFFORT) == (True, "")
         assert states(rig) == {"a1": "running", "b1": "initialized"}
 
-    def test_best_effort_starts_a_running_one_again_unless_asap(self, rig):
+    def test_strictness_of_a_switch(self, rig):
         (recorder,) = load(rig, "r")
         switch(rig, ["r"])
         for asap, calls in ((False, ["starting", "update", "starting"]), (True, ["update"])):
             assert switch(rig, ["r"], (), BEST_EFFORT, start_asap=asap) == (True, "")
             assert recorder.calls == calls
             recorder.calls.clear()
+        load(rig, "a1")
+        assert switch(rig, ["a1", "zz"], (), 0) == (True, "")
+        assert any("strictness 0" in line for line in rig.log)
+        ok, reason = switch(rig, ["a1"], (), 7)
+        assert not ok and "strictness" in reason
 
     @pytest.mark.parametrize("strictness", [BEST_EFFORT, STRICT])
     @pytest.mark.parametrize("start", [["a2"], ["ab"]])
@@ -185,13 +188,6 @@ class TestSwitching:
         load(rig, "a1", "p")
         ok, reason = switch(rig, ["a1", "p"])
         assert not ok and "'a' by a1, p" in reason
-
-    def test_strictness_zero_is_best_effort_aloud_others_are_refused(self, rig):
-        load(rig, "a1")
-        assert switch(rig, ["a1", "zz"], (), 0) == (True, "")
-        assert any("strictness 0" in line for line in rig.log)
-        ok, reason = switch(rig, ["a1"], (), 7)
-        assert not ok and "strictness" in reason
 
     def test_requests_wait_their_turn_and_are_checked_then(self, rig):
         load(rig, "a1", "a2", "b1")

@@ -95,7 +95,7 @@ def test_a_joint_that_creeps_has_not_stalled(make, given, slow):
     assert handle.status == "aborted"
 
 
-def test_the_tolerance_is_kept(make):
+def test_the_tolerance_and_the_time_at_a_stop(make):
     controller, rig = make("position", goal_tolerance=-0.2)
     rig.model.stuck.add("b")
     handle = controller.submit_goal(GripperGoal(0.501))
@@ -104,34 +104,6 @@ def test_the_tolerance_is_kept(make):
     rig.model.q[1] = 0.302
     rig.step()
     assert handle.status == "succeeded"
-
-
-def test_a_new_goal_preempts_and_a_stop_too(make):
-    controller, rig = make()
-    first = controller.submit_goal(GripperGoal(0.9, 5.0))
-    rig.step(3)
-    second = controller.submit_goal(GripperGoal(0.1, 5.0))
-    assert first.status == "preempted" and second.status == "active"
-    rig.manager.switch([], ["c"], 2)
-    rig.step()
-    assert second.status == "preempted"
-    refused = controller.submit_goal(GripperGoal(0.2))
-    assert refused.status == "rejected" and "not running" in refused.result.text
-
-
-def test_a_cancelled_goal_holds_the_joint_where_it_is(make):
-    controller, rig = make(max_effort=9.0)
-    handle = controller.submit_goal(GripperGoal(0.9, 5.0))
-    rig.step(20)
-    at = rig.hardware.handles["b"].position
-    assert 0.3 < at < 0.9
-    assert controller.cancel_goal(handle) and handle.status == "preempted"
-    assert not controller.cancel_goal(handle)
-    rig.step(600)
-    assert rig.model.q[1] == pytest.approx(at, abs=1e-3)
-
-
-def test_time_that_is_put_back_ends_no_goal(make):
     controller, rig = make(stall_timeout=0.2)
     rig.model.stuck.add("b")
     rig.step(100)
@@ -143,6 +115,28 @@ def test_time_that_is_put_back_ends_no_goal(make):
     assert handle.status == "active"
     rig.step(2)
     assert handle.status == "aborted"
+
+
+def test_a_goal_is_preempted_and_cancelled(make):
+    controller, rig = make()
+    first = controller.submit_goal(GripperGoal(0.9, 5.0))
+    rig.step(3)
+    second = controller.submit_goal(GripperGoal(0.1, 5.0))
+    assert first.status == "preempted" and second.status == "active"
+    rig.manager.switch([], ["c"], 2)
+    rig.step()
+    assert second.status == "preempted"
+    refused = controller.submit_goal(GripperGoal(0.2))
+    assert refused.status == "rejected" and "not running" in refused.result.text
+    controller, rig = make(max_effort=9.0)
+    handle = controller.submit_goal(GripperGoal(0.9, 5.0))
+    rig.step(20)
+    at = rig.hardware.handles["b"].position
+    assert 0.3 < at < 0.9
+    assert controller.cancel_goal(handle) and handle.status == "preempted"
+    assert not controller.cancel_goal(handle)
+    rig.step(600)
+    assert rig.model.q[1] == pytest.approx(at, abs=1e-3)
 
 
 @pytest.mark.parametrize("goal", [GripperGoal(nan, 1.0), GripperGoal(0.1, inf)])

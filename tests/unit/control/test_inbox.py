@@ -84,16 +84,7 @@ def test_without_backlog_the_newest_and_always_the_last_word_act_in_the_step(inb
     assert publisher.acted[-1] == 6 and publisher.ended.is_set()
 
 
-def test_a_message_in_pieces_acts_when_it_is_whole(inbox):
-    publisher = Publisher(inbox)
-    data = framed(12345) + framed(678)
-    for k in range(len(data)):
-        publisher.end.sendall(data[k : k + 1])
-        inbox.deliver(k * STEP_NS, 1)
-        assert publisher.acted == [12345] * (k >= 8) + [678] * (k >= 15)
-
-
-def test_a_message_longer_than_any_ends_its_stream_alone(inbox):
+def test_a_message_in_pieces_and_one_that_is_too_long(inbox):
     assert (LARGEST_MESSAGE, BUFFER_SIZE) == (16 * 1024 * 1024, 1024 * 1024)
     long, mad, sane = (Publisher(inbox) for _ in range(3))
     long.end.sendall(struct.pack("<I", LARGEST_MESSAGE))
@@ -102,6 +93,12 @@ def test_a_message_longer_than_any_ends_its_stream_alone(inbox):
     inbox.deliver(0, 1)
     assert [one.ended.is_set() for one in (long, mad, sane)] == [False, True, False]
     assert sane.acted == [1]
+    publisher = Publisher(inbox)
+    data = framed(12345) + framed(678)
+    for k in range(len(data)):
+        publisher.end.sendall(data[k : k + 1])
+        inbox.deliver(k * STEP_NS, 1)
+        assert publisher.acted == [12345] * (k >= 8) + [678] * (k >= 15)
 
 
 def test_a_socket_closed_under_it_is_no_fault(inbox):
@@ -120,7 +117,7 @@ def test_a_socket_closed_under_it_is_no_fault(inbox):
     assert ended.is_set() and not inbox.deliver(0, 0) and not acted
 
 
-def test_a_command_wakes_who_waits_for_commands():
+def test_a_command_wakes_and_so_does_the_bell(inbox):
     box = MessageReceiver()
     publisher = Publisher(box)
     assert not box.wait(0.0)
@@ -129,9 +126,6 @@ def test_a_command_wakes_who_waits_for_commands():
     assert box.wait(0.0, commands=False) is False
     box.close()  # all streams end with it
     assert publisher.ended.is_set() and not box.deliver(0, 0) and not publisher.acted
-
-
-def test_the_bell_wakes_once_for_each_look(inbox):
     inbox.wake()
     inbox.wake()
     assert not inbox.wait(None)  # it was the bell, no command

@@ -85,15 +85,12 @@ def test_a_soft_limit_that_is_not_given_does_not_bind(side):
         assert limited(joint, EFFORT_SOFT, 60.0 * side) == pytest.approx(bound * side)
 
 
-def test_position_saturation_steps_from_the_measured_position_then_from_its_own_command():
+def test_position_rules_step_by_step():
     joint = handle(position=1.0, interface=POSITION)
     rule = LimitRule(POSITION_SATURATION, LIMITS, joint)
     # vmax dt = 0.5 from the measured 1.0, then the range's end; the measured position is forgotten.
     assert [limited(joint, rule, 9.0) for _ in range(4)] == [1.5, 2.0, 2.0, 2.0]
     assert limited(joint, rule, -9.0) == 1.5
-
-
-def test_position_soft_slows_down_towards_the_soft_limit():
     joint = handle(soft_limits(k_position=2.0), position=1.0, interface=POSITION)
     rule = LimitRule(POSITION_SOFT, LIMITS, joint)
     # vhi = -2 (x - 1.5): each step goes 0.2 of the way that is left to 1.5.

@@ -42,30 +42,29 @@ def test_golden_table(proves, gains, cycles):
     )
 
 
-def test_reset_brings_the_derivative_kick_back():
+def test_integral_derivative_and_terms():
     pid = Pid(PidGains(0, 1, 1, 10, -10))
     for _ in range(2):
         assert pid.compute(1.0, 0.5) == 0.5 + 2.0
         pid.compute(1.0, 0.5)
         pid.reset()
         assert pid.integral == 0.0
-
-
-def test_given_derivative_is_used_and_a_nan_in_it_gives_zero():
     pid = Pid(PidGains(1, 1, 2, 10, -10))
     given = [(1.0, 3.0), (1.0, nan), (0.0, 3.0)]
     assert [pid.compute(1.0, dt, rate) for dt, rate in given] == [1 + 1 + 6, 0.0, 0.0]
     assert pid.integral == 1.0
     pid.set_gains(PidGains(0, 2, 0, 10, -10))  # which keep it
     assert pid.compute(1.0, 1.0) == 4.0
-
-
-def test_state_listener_sees_the_terms():
     pid, seen = Pid(PidGains(2, 3, 0.5, 10, -10)), []
     pid.on_state = seen.append
     pid.compute(1.5, 0.1)
     assert astuple(seen[0]) == pytest.approx(
         (0.1, 1.5, 15.0, 1.5, 0.15, 15.0, 3.0, 0.45, 7.5, 10.0, -10.0, 10.95))
+    pid = Pid(PidGains(1))
+    for gains in (PidGains(nan), PidGains(1, inf), PidGains(1, 1, 0, -1, 1)):
+        with pytest.raises(ControllerError):
+            pid.set_gains(gains)
+    assert pid.gains == PidGains(1) and not pid.publish_state
 
 
 @pytest.mark.parametrize(("parameters", "expected"), [
@@ -93,11 +92,3 @@ def test_a_misspelt_gain_is_told_with_the_nearest_name(caplog):
     Pid.from_parameters({"p": 1, "i_clmap": 2.0, "d": 3}, "/r/c/pid")
     (line,) = caplog.messages
     assert line == "parameter /r/c/pid/i_clmap is not used; did you mean 'i_clamp'?"
-
-
-def test_bad_gains_are_refused_and_the_old_ones_stay():
-    pid = Pid(PidGains(1))
-    for gains in (PidGains(nan), PidGains(1, inf), PidGains(1, 1, 0, -1, 1)):
-        with pytest.raises(ControllerError):
-            pid.set_gains(gains)
-    assert pid.gains == PidGains(1) and not pid.publish_state

@@ -30,7 +30,7 @@ def bench(request, make_rig, make_joint):
     return rig, controller, give, lambda: rig.hardware.handles["a"].effort_command
 
 
-def test_the_latest_of_several_commands_acts_in_the_next_cycle_alone(bench):
+def test_the_latest_of_several_commands_acts_also_after_a_flood(bench):
     rig, controller, give, effort = bench
     for value in (0.5, -1.5, 1.0):
         give(value)
@@ -42,9 +42,6 @@ def test_the_latest_of_several_commands_acts_in_the_next_cycle_alone(bench):
     assert acted in (1.0, 10.0)
     rig.step()
     assert effort() == acted and not controller.slot
-
-
-def test_a_flood_from_another_thread_is_followed_to_the_last(bench):
     rig, controller, give, effort = bench
     flood = threading.Thread(target=lambda: [give(1.0 - k % 2) for k in range(2001)])
     flood.start()

@@ -93,7 +93,7 @@ class TestFollowing:
         assert [b.after(0.1) for _ in range(8)] == pytest.approx(
             [0.1, 0.2, 0.4, 0.6, 0.7, 0.8, 0.9, 0.72])
 
-    def test_a_stamp_in_the_past_drops_points_and_bridges_to_the_next(self, bench):
+    def test_points_in_the_past_are_dropped(self, bench):
         b, states = bench(), []
         points = [point(0.1, [9.0]), point(0.2, [8.0]), point(1.02, [1.0]), point(2.02, [2.0])]
         b.controller.set_command(Trajectory(["a"], points, b.rig.time_ns - S // 2))
@@ -103,8 +103,6 @@ class TestFollowing:
         assert [b.after(time) for time in (0.01, 0.26)] == pytest.approx([0.0, 0.26 / 0.51])
         assert states[-1].desired.time_from_start == pytest.approx(0.51)
         assert [b.after(time) for time in (0.25, 0.5)] == pytest.approx([1.0, 1.5])
-
-    def test_a_first_point_at_zero_is_dropped_silently(self, bench):
         b = bench(start=[0.4])
         points = [point(0.0, [9.0]), point(1.0, [1.4])]
         b.controller.set_command(Trajectory(["a"], points))
@@ -256,6 +254,11 @@ class TestGoals:
             b.controller.set_command(line(9.0, 0.1, stamp_ns=b.rig.time_ns - S // 5))
         assert first.status == "active"
         assert b.after(0.5) == pytest.approx(0.5)
+        b = bench()
+        for path, time in (([JointTolerance("z", 1.0)], 0.0), ([JointTolerance("a", nan)], 0.0),
+                           ((), nan)):
+            goal = TrajectoryGoal(line(), path, (), time)
+            assert b.controller.submit_goal(goal).status == "rejected"
 
     def test_cancel_and_a_command_without_points_hold_where_it_is(self, bench):
         b = bench()
@@ -304,13 +307,6 @@ class TestGoals:
         assert (handle.status, handle.result.error_code) == ("rejected", code)
         assert text in handle.result.error_string
 
-    def test_tolerance_for_an_unknown_joint_or_nan_is_rejected(self, bench):
-        b = bench()
-        for path, time in (([JointTolerance("z", 1.0)], 0.0), ([JointTolerance("a", nan)], 0.0),
-                           ((), nan)):
-            goal = TrajectoryGoal(line(), path, (), time)
-            assert b.controller.submit_goal(goal).status == "rejected"
-
     @pytest.mark.parametrize(("pushed", "status"), [(0.0, "succeeded"), (1.0, "aborted")])
     def test_an_empty_goal_holds_and_checks_the_tolerance_that_it_brings(
         self, bench, pushed, status
@@ -326,7 +322,7 @@ class TestGoals:
 
 
 class TestStopping:
-    def test_stop_trajectory_duration_brakes_to_rest(self, bench):
+    def test_it_brakes_to_rest_and_holds(self, bench):
         b = bench(stop_trajectory_duration=0.5)
         b.controller.set_command(line(2.0, 1.0))
         b.rig.step(50)
@@ -337,8 +333,6 @@ class TestStopping:
         assert positions[50:] == pytest.approx([positions[-1]] * 30, abs=1e-3)
         # v t - v t³/(2 T²) + v t⁴/(8 T³), the symmetric quintic, is 5/8 v T at T.
         assert positions[-1] - begin == pytest.approx(0.625 * 2.0 * 0.5)
-
-    def test_who_is_started_while_it_runs_holds_at_once(self, bench):
         b = bench(stop_trajectory_duration=0.5)
         b.controller.set_command(line(2.0, 1.0))
         b.rig.step(50)
@@ -346,7 +340,6 @@ class TestStopping:
         b.rig.step(2)
         held = b.q()
         assert b.after(0.5) == held == pytest.approx(0.98)
-
 
 class TestOutputsAndState:
     @pytest.mark.parametrize(("kind", "gains", "forward", "command"), [

@@ -82,10 +82,14 @@ def test_free_bodies_of_one_model_pass_through_each_other_and_rest_on_the_ground
     with_ground.close()
 
 
-def test_a_static_model_is_one_body_whatever_joins_its_links():
+def test_links_of_static_models_and_of_cut_loops():
     made = model("<static>1</static>" + FOUR_BAR + CLOSING + link("loose"))
     assert not made.loops and not made.parts and made.static
     assert {"base", "top", "loose"} < set(made.links)
+    chosen = joint("j3", "left", "top", inside="<axis><xyz>0 1 0</xyz></axis><physics><simbody>"
+                   "<must_be_loop_joint>1</must_be_loop_joint></simbody></physics>")
+    made = model(FOUR_BAR.replace(joint("j3", "left", "top"), chosen) + CLOSING)
+    assert [one.joint.name for one in made.loops] == ["j3"] and "j4" in made.joints
 
 
 def swing(seconds, start):
@@ -116,13 +120,6 @@ def test_a_closed_chain_moves_as_a_pendulum_of_its_whole_mass():
     for name, sign in (("j1", -1), ("j2", -1), ("j3", 1), ("j4", 1)):
         off = math.remainder(angles[name] + sign * swing(2.0, 3.0), 2 * math.pi)
         assert off == pytest.approx(0.0, abs=5e-4)
-
-
-def test_the_joint_that_is_to_be_cut_may_be_chosen():
-    chosen = joint("j3", "left", "top", inside="<axis><xyz>0 1 0</xyz></axis><physics><simbody>"
-                   "<must_be_loop_joint>1</must_be_loop_joint></simbody></physics>")
-    made = model(FOUR_BAR.replace(joint("j3", "left", "top"), chosen) + CLOSING)
-    assert [one.joint.name for one in made.loops] == ["j3"] and "j4" in made.joints
 
 
 @pytest.mark.parametrize("kind", ["prismatic", "fixed", "revolute"])

@@ -79,7 +79,7 @@ def test_the_colour_of_a_visual_of_sdf(material, rgba):
     assert shown(PLAIN, visual(material)) == (rgba, ())
 
 
-def test_a_link_has_the_colour_of_its_first_visual_that_has_one():
+def test_colours_of_the_first_visual_and_of_tags():
     green = visual("<diffuse>.1 .9 .2</diffuse>")
     blue = visual(SCRIPT.format("Blue"))
     assert shown(green, green) == (GREEN, ())
@@ -88,16 +88,6 @@ def test_a_link_has_the_colour_of_its_first_visual_that_has_one():
             rgba,
             ("link 'a': all visuals are drawn in the colour of the first visual; put visuals of "
              "other colours into other links",))
-
-
-@pytest.mark.parametrize("tag", ["diffuse", "ambient"])
-def test_a_colour_has_three_numbers_or_four(tag):
-    for text in ("1 2", "1 2 3 4 5", "red"):
-        with pytest.raises(DescriptionError, match=f"link 'a': material {tag}: .*'{text}"):
-            shown(visual(f"<{tag}>{text}</{tag}>"))
-
-
-def test_a_material_of_a_urdf_may_be_an_attribute():
     text = "<robot name='r'><link name='a'/><gazebo reference='a'>{}</gazebo></robot>"
     for tag in ("<material>Gazebo/Blue</material>", "<material value='Gazebo/Blue'/>",
                 "<material value='Gazebo/Blue'>Gazebo/Red</material>"):
@@ -105,3 +95,10 @@ def test_a_material_of_a_urdf_may_be_an_attribute():
     for tag in ("<material/>", "<material value=''/>", ""):
         made = parse_urdf(text.format(tag))
         assert made.colours == {} and made.warnings == ()
+
+
+@pytest.mark.parametrize("tag", ["diffuse", "ambient"])
+def test_a_colour_has_three_numbers_or_four(tag):
+    for text in ("1 2", "1 2 3 4 5", "red"):
+        with pytest.raises(DescriptionError, match=f"link 'a': material {tag}: .*'{text}"):
+            shown(visual(f"<{tag}>{text}</{tag}>"))

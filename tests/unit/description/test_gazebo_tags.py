@@ -39,16 +39,6 @@ def test_a_camera_s_numbers():
     assert made.plugin is None and made.lens is None
 
 
-def test_a_joint_s_own_sensor_needs_no_name_of_it():
-    made = parse_urdf(
-        "<robot name='r'><link name='a'/><link name='b'/><joint name='j' type='fixed'><parent "
-        "link='a'/><child link='b'/></joint><gazebo reference='j'><sensor type='force_torque' "
-        "name='s'><plugin filename='libgazebo_ros_ft_sensor.so'><topicName>t</topicName></plugin>"
-        "<plugin filename='libnone.so'/></sensor></gazebo></robot>")
-    assert [(one.kind, one.joint, one.topic) for one in made.sensors] == [("wrench", "j", "t")]
-    assert len(made.warnings) == 1 and "sensor 's' on joint 'j'" in made.warnings[0]
-
-
 @pytest.mark.parametrize(("kind", "widest"), [
     ("camera", 3.14159), ("wideanglecamera", 6.283185307179587)])
 def test_a_camera_s_numbers_at_their_bounds(kind, widest):
@@ -106,7 +96,7 @@ def test_a_camera_that_cannot_be_is_named(inside, reason):
     assert "camera 'eye' on link 'a'" in str(refused.value)
 
 
-def test_sensors_that_are_none():
+def test_sensors_of_joints_and_sensors_that_are_none():
     with pytest.raises(DescriptionError, match="link 'a': a camera sensor has no name"):
         robot("<gazebo reference='a'><sensor type='camera'><camera/></sensor></gazebo>")
     with pytest.raises(DescriptionError, match="<camera> is missing"):
@@ -115,9 +105,16 @@ def test_sensors_that_are_none():
         "<sensor type='camera' name='e'><camera/></sensor>") + "</gazebo>")
     assert [one.name for one in twins.cameras] == ["e"]
     assert sum("two cameras are named 'e'" in one for one in twins.warnings) == 1
+    made = parse_urdf(
+        "<robot name='r'><link name='a'/><link name='b'/><joint name='j' type='fixed'><parent "
+        "link='a'/><child link='b'/></joint><gazebo reference='j'><sensor type='force_torque' "
+        "name='s'><plugin filename='libgazebo_ros_ft_sensor.so'><topicName>t</topicName></plugin>"
+        "<plugin filename='libnone.so'/></sensor></gazebo></robot>")
+    assert [(one.kind, one.joint, one.topic) for one in made.sensors] == [("wrench", "j", "t")]
+    assert len(made.warnings) == 1 and "sensor 's' on joint 'j'" in made.warnings[0]
 
 
-def test_the_control_plugin():
+def test_the_control_plugin_and_flags():
     text = "<gazebo><plugin filename='libgazebo_ros_control.so'>{}</plugin></gazebo>"
     assert robot(text.format("")).control_plugins == (ControlPlugin(),)
     (full,) = robot(text.format(
@@ -126,6 +123,13 @@ def test_the_control_plugin():
     assert full == ControlPlugin("/n", 0.002, "e")
     with pytest.raises(DescriptionError, match="controlPeriod is 0.0 s; it must be positive"):
         robot(text.format("<controlPeriod>0</controlPeriod>"))
+    text = "<gazebo reference='a'>{}</gazebo>"
+    assert robot("<gazebo><static>true</static></gazebo>").static
+    assert not robot("<gazebo/>").static
+    with pytest.raises(DescriptionError, match="mu1 is -1.0; it must not be negative"):
+        robot(text.format("<mu1>-1</mu1>"))
+    with pytest.raises(DescriptionError, match="kinematic: 'maybe' is neither true nor false"):
+        robot(text.format("<kinematic>maybe</kinematic>"))
 
 
 @pytest.mark.parametrize("inside, warning", [
@@ -140,14 +144,6 @@ def test_the_control_plugin():
 def test_what_is_not_known_warns(inside, warning):
     (said,) = robot(inside).warnings
     assert warning in said
-
-
-def test_a_robot_is_static_and_flags_that_cannot_be_are_named():
-    text = "<gazebo reference='a'>{}</gazebo>"
-    assert robot("<gazebo><static>true</static></gazebo>").static
-    assert not robot("<gazebo/>").static
-    with pytest.raises(DescriptionError, match="kinematic: 'maybe' is neither true nor false"):
-        robot(text.format("<kinematic>maybe</kinematic>"))
 
 
 FLAGS = {"gravity": True, "kinematic": False, "mu": None, "bounce": None}

@@ -51,7 +51,7 @@ def changed(path, change):
     return path
 
 
-def test_triangles_are_where_the_scene_puts_them_in_metres(tmp_path):
+def test_triangles_and_colours_of_a_scene(tmp_path):
     (mesh,) = read(str(glb(tmp_path, box(baseColorFactor=[255, 64, 0, 255]))))
     own = mesh.positions @ PLACED[:3, :3] - PLACED[:3, 3] @ PLACED[:3, :3]
     np.testing.assert_allclose(np.abs(own).max(axis=0), (0.1, 0.15, 0.25), atol=1e-6)
@@ -60,10 +60,6 @@ def test_triangles_are_where_the_scene_puts_them_in_metres(tmp_path):
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     outwards = corners.mean(axis=1) - PLACED[:3, 3]
     assert ((normal * outwards).sum(axis=1) > 0.0).all()
-
-
-def test_a_factor_is_light_and_a_picture_is_levels(tmp_path):
-    """A factor of a half of the light is level 188 of 255; a picture's levels stay."""
     red = read(str(glb(tmp_path, box(baseColorFactor=[128, 255, 0, 255]))))[0]
     np.testing.assert_allclose(red.rgba, (188.0 / 255.0, 1.0, 0.0, 1.0), atol=2e-3)
     textured = read(str(glb(tmp_path, box(baseColorTexture=Image.fromarray(PIXELS)))))[0]

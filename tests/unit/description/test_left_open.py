@@ -10,8 +10,6 @@ from aras_sim_bridge.errors import DescriptionError
 
 NONE = (0.0, 0.0, 0.0)
 HERE = (NONE, NONE)
-SUN = ("directional", (0.0, 0.0, 10.0), NONE, (0.8, 0.8, 0.8, 1.0), (0.2, 0.2, 0.2, 1.0),
-       (-0.4834, 0.0967, -0.8701), 0.9, 0.01, 0.001, 1000.0, 0.6, 1.0, 1.0, False, None)
 STREAM = ("", "", "image_raw", "camera_info", "", 0.0, 0.0, 0.0, 0.0, 0.0, (0.0,) * 5, False, "",
           None)
 LENS = ("gnomonical", True, math.pi / 2, None)
@@ -28,7 +26,7 @@ def whole(made):
     return (*astuple(made)[:2], *parts, *astuple(made)[4:])
 
 
-def test_a_model_of_sdf_in_full():
+def test_a_model_in_full():
     made = parse_sdf("<sdf><model name='m'><link name='a'/><link name='b'/><joint name='j' "
                      "type='revolute'><parent>a</parent><child>b</child></joint></model></sdf>")
     assert whole(made) == (
@@ -38,9 +36,6 @@ def test_a_model_of_sdf_in_full():
     slide = parse_sdf("<sdf><model name='m'><link name='a'/><link name='b'/><joint name='j' "
                       "type='prismatic'><parent>a</parent><child>b</child></joint></model></sdf>")
     assert astuple(slide.joints["j"].limits) == (-1e16, 1e16, 1e16, 1e16)
-
-
-def test_a_model_of_urdf_in_full():
     made = parse_urdf("<robot name='r'><link name='a'/></robot>")
     assert whole(made) == ("r", "a", {"a": ("a", None, (), (), True, False, None, None)}, {},
                            (), (), (), (), (), {}, False, (), HERE, {}, (), ())

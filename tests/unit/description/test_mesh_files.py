@@ -244,7 +244,7 @@ def test_groups_of_an_obj_file_are_bodies_of_their_own(tmp_path):
         assert above.pose().xyz[2] == pytest.approx(0.15, abs=5e-3)
 
 
-def test_pipes_devices_and_folders_are_refused_and_do_not_hang(tmp_path):
+def test_files_that_are_no_meshes_and_large_textures_are_refused_unread(tmp_path):
     pipe = tmp_path / "pipe.stl"
     os.mkfifo(pipe)
     folder = tmp_path / "folder.stl"
@@ -255,6 +255,16 @@ def test_pipes_devices_and_folders_are_refused_and_do_not_hang(tmp_path):
         with pytest.raises(DescriptionError, match=reason) as refused:
             read(str(tmp_path / name))
         assert refused.value.path == str(tmp_path / name) and name in str(refused.value)
+    (tmp_path / "a.obj").write_text(
+        "mtllib a.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
+        "f 1/1 2/2 3/3\n"
+    )
+    (tmp_path / "a.mtl").write_text("newmtl m\nmap_Kd huge.bmp\n")
+    (tmp_path / "huge.bmp").write_bytes(
+        struct.pack("<2sIHHIIiiHHIIiiII", b"BM", 0, 0, 0, 54, 40, 9000, 8000, 1, 24, *6 * (0,))
+    )
+    with pytest.raises(DescriptionError, match=r"huge.bmp has more than 64000000 pixels: make it"):
+        read(str(tmp_path / "a.obj"))
 
 
 def test_what_is_too_much_is_refused_before_it_is_read(tmp_path):
@@ -276,19 +286,6 @@ def test_what_is_too_much_is_refused_before_it_is_read(tmp_path):
     os.truncate(path, mesh_files.LARGEST_FILE + 1)
     with pytest.raises(DescriptionError, match="268435457 bytes, more than the limit of 268435456"):
         read(str(path))
-
-
-def test_a_texture_too_large_is_refused_before_it_is_decoded(tmp_path):
-    (tmp_path / "a.obj").write_text(
-        "mtllib a.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
-        "f 1/1 2/2 3/3\n"
-    )
-    (tmp_path / "a.mtl").write_text("newmtl m\nmap_Kd huge.bmp\n")
-    (tmp_path / "huge.bmp").write_bytes(
-        struct.pack("<2sIHHIIiiHHIIiiII", b"BM", 0, 0, 0, 54, 40, 9000, 8000, 1, 24, *6 * (0,))
-    )
-    with pytest.raises(DescriptionError, match=r"huge.bmp has more than 64000000 pixels: make it"):
-        read(str(tmp_path / "a.obj"))
 
 
 def test_a_file_is_read_once_until_it_or_what_it_names_changes(tmp_path):

@@ -57,7 +57,7 @@ def test_packages_are_found_where_rospack_finds_them(tmp_path, monkeypatch):
     assert found == ["deep", "old", "other", "twice", "whole"]
 
 
-def test_what_builds_leave_and_what_lies_too_deep_is_not_searched(tmp_path, monkeypatch):
+def test_which_folders_are_searched_and_what_a_manifest_may_be(tmp_path, monkeypatch):
     monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path))
     make(tmp_path / "1/2/3/4/5", "deep")
     make(tmp_path / "1/2/3/4/six/6", "deeper")
@@ -70,6 +70,16 @@ def test_what_builds_leave_and_what_lies_too_deep_is_not_searched(tmp_path, monk
         packages.find_package("deeper")
     monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path / "1"))
     assert packages.find_package("deeper") == str(tmp_path / "1/2/3/4/six/6")
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path))
+    for name, text in (("bytes", b"\xff\xfe"), ("nameless", b"<package/>"),
+                       ("folder", b"<package>\n<name>\n  declared </name></package>")):
+        make(tmp_path / name, "x")
+        (tmp_path / name / "package.xml").write_bytes(text)
+    assert packages.find_package("bytes") == str(tmp_path / "bytes")
+    assert packages.find_package("nameless") == str(tmp_path / "nameless")
+    assert packages.find_package("declared") == str(tmp_path / "folder")
+    with pytest.raises(UnsupportedPartError):
+        packages.find_package("folder")
 
 
 def test_installed_packages_are_below_share(tmp_path, monkeypatch):
@@ -92,19 +102,6 @@ def test_installed_packages_are_below_share(tmp_path, monkeypatch):
 def test_a_name_that_no_package_has_is_refused(name):
     with pytest.raises(DescriptionError, match="is not a package name: use letters, digits"):
         packages.find_package(name)
-
-
-def test_a_package_s_manifest_may_be_anything(tmp_path, monkeypatch):
-    monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path))
-    for name, text in (("bytes", b"\xff\xfe"), ("nameless", b"<package/>"),
-                       ("folder", b"<package>\n<name>\n  declared </name></package>")):
-        make(tmp_path / name, "x")
-        (tmp_path / name / "package.xml").write_bytes(text)
-    assert packages.find_package("bytes") == str(tmp_path / "bytes")
-    assert packages.find_package("nameless") == str(tmp_path / "nameless")
-    assert packages.find_package("declared") == str(tmp_path / "folder")
-    with pytest.raises(UnsupportedPartError):
-        packages.find_package("folder")
 
 
 @pytest.mark.parametrize(("uri", "path"), [

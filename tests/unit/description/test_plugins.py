@@ -36,7 +36,7 @@ def test_files_are_known_with_and_without_lib_and_folder(filename):
     assert sensor(filename, "<cameraName>c</cameraName>").cameras[0].plugin.camera_name == "c"
 
 
-def test_each_unknown_plugin_is_named_once():
+def test_plugins_of_a_camera_that_are_ignored():
     read = sensor("libmy_camera_noise.so", "<cameraName>c</cameraName>")
     assert read.cameras[0].plugin is None
     assert read.warnings == (
@@ -49,6 +49,17 @@ def test_each_unknown_plugin_is_named_once():
         "<gazebo>: plugin 'libx.so' is ignored, because it is not known",
         "<gazebo>: plugin 'liby.so' is ignored, because it is not known",
         "<gazebo>: plugin 'libgazebo_ros_camera.so' is ignored, because it does not belong here")
+    read = sensor("libgazebo_ros_camera.so", "<cameraName>second</cameraName>", before=(
+        "<plugin filename='libgazebo_ros_camera.so'><cameraName>first</cameraName></plugin>"))
+    assert read.cameras[0].plugin.camera_name == "first"
+    assert read.warnings == ("camera 'eye' on link 'a': plug-in 'second' is ignored, because only "
+                             "one plug-in can publish the camera's images; remove one",)
+    named = config("libgazebo_ros_triggered_camera.so", "<triggerTopicName>t/u</triggerTopicName>")
+    assert named.trigger_topic == "t/u"
+    read = sensor("libgazebo_ros_camera.so", "<triggerTopicName>go</triggerTopicName>")
+    (warning,) = read.warnings
+    assert "camera 'eye'" in warning and "libgazebo_ros_triggered_camera.so" in warning
+    assert read.cameras[0].plugin.trigger_topic == ""
 
 
 @pytest.mark.parametrize("mimic, words", [
@@ -82,15 +93,6 @@ def test_a_joint_state_publisher():
     assert sum("joint 'k' is ignored, because it does not" in one for one in read.warnings) == 1
     empty = made("")
     assert not empty.sensors and sum("no <jointName>" in one for one in empty.warnings) == 1
-
-
-def test_a_triggered_camera_and_one_that_has_no_trigger():
-    named = config("libgazebo_ros_triggered_camera.so", "<triggerTopicName>t/u</triggerTopicName>")
-    assert named.trigger_topic == "t/u"
-    read = sensor("libgazebo_ros_camera.so", "<triggerTopicName>go</triggerTopicName>")
-    (warning,) = read.warnings
-    assert "camera 'eye'" in warning and "libgazebo_ros_triggered_camera.so" in warning
-    assert read.cameras[0].plugin.trigger_topic == ""
 
 
 def test_depth_cameras_as_upstream_names_and_bounds_them():
@@ -250,14 +252,6 @@ def test_a_bumper_s_collisions_exist(named, name, known):
     else:
         (warning,) = made.warnings
         assert made.sensors and f"collision '{name}' does not exist" in warning
-
-
-def test_only_the_first_plugin_of_a_camera_delivers_its_pictures():
-    read = sensor("libgazebo_ros_camera.so", "<cameraName>second</cameraName>", before=(
-        "<plugin filename='libgazebo_ros_camera.so'><cameraName>first</cameraName></plugin>"))
-    assert read.cameras[0].plugin.camera_name == "first"
-    assert read.warnings == ("camera 'eye' on link 'a': plug-in 'second' is ignored, because only "
-                             "one plug-in can publish the camera's images; remove one",)
 
 
 @pytest.mark.parametrize(("names", "sides"), [

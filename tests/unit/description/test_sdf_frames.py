@@ -107,7 +107,7 @@ def test_models_in_models_by_frames(frame):
         f"{pose(A)}</link></model>" + rest))
 
 
-def test_models_of_a_world_by_frames_and_by_models():
+def test_models_are_placed_by_frames_and_by_models():
     box = "<model name='{}'>{}<link name='l'>{}</link></model>"
     found = read_sdf("<sdf><world name='w'>" + box.format("p", pose(C, "q::l"), "")
                      + box.format("q", pose(B, "f"), pose(C)) + f"<frame name='f'>{pose(A)}</frame>"
@@ -118,9 +118,6 @@ def test_models_of_a_world_by_frames_and_by_models():
     for one, at in zip(found.models, (A @ B @ C @ C, A @ B), strict=True):
         np.testing.assert_allclose(Pose.from_rpy(*one.initial_pose).matrix(), at.matrix(),
                                    atol=1e-12)
-
-
-def test_a_model_is_placed_by_one_of_its_frames():
     inside = f"{pose(B)}<link name='a'>{pose(A)}</link>"
     placed = model(inside, " placement_frame='a'")
     np.testing.assert_allclose(Pose.from_rpy(*placed.initial_pose).matrix(),
@@ -146,13 +143,7 @@ def test_a_frame_that_does_not_exist_is_named(inside, reason):
     assert any(reason in text for text in found.warnings)
 
 
-def test_a_frame_without_a_place_is_named():
-    (line,) = model("<link name='l'/><frame name='f' attached_to='g'/>").warnings
-    assert line.startswith("model 'm': frame 'f' is ignored: its base 'g' is no link, joint")
-
-
-def test_a_frame_with_a_wrong_pose_is_named_with_its_error():
-    """In a world and in a model, and what is placed in the frame names the same error."""
+def test_frames_that_cannot_be_are_named_with_their_error():
     frame = "<frame name='f'><pose>1 2</pose></frame>"
     cause = r"frame 'f': pose\b.* 6"
     inside = "<model name='m'><pose relative_to='f'/><link name='a'/></model>"
@@ -162,3 +153,5 @@ def test_a_frame_with_a_wrong_pose_is_named_with_its_error():
         assert re.search(cause, text), text
     (text,) = model(f"<link name='a'/>{frame}").warnings
     assert re.search(cause, text), text
+    (line,) = model("<link name='l'/><frame name='f' attached_to='g'/>").warnings
+    assert line.startswith("model 'm': frame 'f' is ignored: its base 'g' is no link, joint")

@@ -117,7 +117,7 @@ def test_a_picture_is_whole_and_upright_on_each_side_of_a_box():
     assert box.apply_texture("b.png", box_mapping=False) is box
 
 
-def test_edges_are_sharp_and_round_things_smooth():
+def test_edges_of_faces_and_faces_without_an_area():
     def roof(angle):
         """Two faces that meet at this angle, rad."""
         s, c = math.sin(angle / 2), math.cos(angle / 2)
@@ -126,9 +126,6 @@ def test_edges_are_sharp_and_round_things_smooth():
     assert len(roof(math.radians(34)).positions) == 4
     assert len(roof(math.radians(36)).positions) == 6
     assert roof(math.radians(34)).normals[:, 2].max() == pytest.approx(1.0)
-
-
-def test_faces_without_an_area_are_left_out():
     flat = [(0, 0, 0), (1, 0, 0), (2, 0, 0)]
     mesh = from_corners([[(0, 0, 0), (1, 0, 0), (0, 1, 0)], flat])
     assert len(mesh.triangles) == 1

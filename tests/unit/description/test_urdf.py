@@ -49,7 +49,7 @@ def shown(shape, tag="visual"):
     return link.visuals if tag == "visual" else link.collisions
 
 
-def test_a_joint_s_numbers():
+def test_a_joint_s_numbers_and_whom_it_mimics():
     found = joined(f"<origin xyz='1 2 3' rpy='.1 .2 .3'/><axis xyz='0 3 4'/>{LIMIT}"
                    "<dynamics damping='5' friction='6'/><safety_controller k_velocity='7' "
                    "k_position='8' soft_lower_limit='-.5' soft_upper_limit='.5'/>")
@@ -60,6 +60,17 @@ def test_a_joint_s_numbers():
     assert (found.damping, found.friction) == (5.0, 6.0)
     assert found.soft_limits == SoftLimits(-0.5, 0.5, 8.0, 7.0)
     assert found.mimic is None
+    text = (AB + "<link name='c'/>" + joint(LIMIT, "revolute")
+            + joint(LIMIT + "<mimic joint='{}'{}/>", "revolute", "k", "bc"))
+    assert robot(text.format("j", "")).joints["k"].mimic == Mimic("j", 1.0, 0.0)
+    full = robot(text.format("j", " multiplier='-2' offset='.5'"))
+    assert full.joints["k"].mimic == Mimic("j", -2.0, 0.5)
+    assert full.list_moving_joints() == ("j", "k")
+    for more in ("", "<link name='d'/>" + joint(name="x", ends="ad")):
+        with pytest.raises(DescriptionError, match="mimics 'x', which is not a moving joint"):
+            robot(text.format("x", "") + more)
+    with pytest.raises(DescriptionError, match="joint 'k': the <mimic> elements form a loop"):
+        robot(text.format("k", ""))
 
 
 def test_what_a_joint_leaves_open():
@@ -80,20 +91,6 @@ def test_what_a_joint_leaves_open():
     assert not joined("", "fixed").is_movable
     open_soft = joined(f"{LIMIT}<safety_controller k_velocity='1'/>").soft_limits
     assert open_soft == SoftLimits(None, None, 0.0, 1.0)
-
-
-def test_a_mimic_follows_a_joint_that_moves():
-    text = (AB + "<link name='c'/>" + joint(LIMIT, "revolute")
-            + joint(LIMIT + "<mimic joint='{}'{}/>", "revolute", "k", "bc"))
-    assert robot(text.format("j", "")).joints["k"].mimic == Mimic("j", 1.0, 0.0)
-    full = robot(text.format("j", " multiplier='-2' offset='.5'"))
-    assert full.joints["k"].mimic == Mimic("j", -2.0, 0.5)
-    assert full.list_moving_joints() == ("j", "k")
-    for more in ("", "<link name='d'/>" + joint(name="x", ends="ad")):
-        with pytest.raises(DescriptionError, match="mimics 'x', which is not a moving joint"):
-            robot(text.format("x", "") + more)
-    with pytest.raises(DescriptionError, match="joint 'k': the <mimic> elements form a loop"):
-        robot(text.format("k", ""))
 
 
 def test_meshes_name_their_files(tmp_path):

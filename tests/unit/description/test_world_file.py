@@ -21,13 +21,10 @@ BOX = ("<model name='{}'><pose>1 2 3 0 0 0.5</pose><static>1</static><link name=
        "</model>")
 
 
-def test_without_a_file_there_are_gazebo_s_ground_and_sun():
+def test_what_a_world_is_without_a_file_and_with_one(read):
     found = world_file.load_world("")
     assert (found.time_step, found.gravity, found.update_rate) == (0.001, (0, 0, -9.8), 1000.0)
     assert found.ground_plane and found.lights == (SUN,) and not found.models
-
-
-def test_a_file_says_all_itself(read):
     found = read("<gravity>1 2 3</gravity><physics><max_step_size>.002</max_step_size>"
                   "<real_time_update_rate>500</real_time_update_rate></physics>" + BOX.format("m")
                   + "<light name='l' type='point'/><plugin filename='x.so'/>")

@@ -58,16 +58,13 @@ def test_what_is_fixed_to_what_stands_is_bolted_down(read, parent, child):
     assert down["loose"] == pytest.approx(0.196, abs=2e-3)
 
 
-def test_one_hangs_on_another_and_joints_of_its_own_move(read):
+def test_joints_of_a_world_of_what_hangs_and_of_what_is_static(read):
     found = read(model("lamp", 2.0), arm(5.0), joint("world", "lamp", name="a"),
                  joint("lamp::body", "arm::base", name="b"))
     assert found.warnings == ()
     down = fallen(found)
     assert down["lamp"] == 0.0 and down["arm"] > 0.01
     assert "hinge" in found.models[1].joints
-
-
-def test_two_that_stand_need_no_bolt(read):
     found = read(model("a", 0.5, 1), model("b", 2.0, 1), joint("a::body", "b::body"))
     assert found.warnings == () and all("world" not in m.links for m in found.models)
 

@@ -94,18 +94,7 @@ def test_corners_through_a_lens():
     assert nearest(corners, drawn).max() < 0.3 / 200.0
 
 
-def test_a_disc_is_no_polygon_and_a_speck_has_no_outline():
-    angle = np.linspace(0, 2 * np.pi, 4000, endpoint=False)
-    disc = 0.2 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    with pytest.raises(SegmentationError, match="must be 3 to 32"):
-        find_corners(disc, max_bend=1e-4)
-    grey = np.full((240, 320), 255, np.uint8)
-    grey[100:102, 100:102] = 0
-    with pytest.raises(SegmentationError, match="outline"):
-        extract_outline(grey, segment(grey, SegmentationSettings(min_pixels=1)), CAMERA)
-
-
-def test_an_edge_of_30_pixels_is_too_blurred():
+def test_outlines_that_cannot_be_used_are_refused():
     v, u = np.mgrid[:240, :320]
     radius = np.hypot(u - CAMERA.pinhole.cx, v - CAMERA.pinhole.cy)
     for slope, refused in ((6.0, True), (50.0, False)):  # grey levels per pixel
@@ -116,6 +105,18 @@ def test_an_edge_of_30_pixels_is_too_blurred():
                 extract_outline(grey, target, CAMERA)
         else:
             assert len(extract_outline(grey, target, CAMERA)) > 300
+    angle = np.linspace(0, 2 * np.pi, 4000, endpoint=False)
+    disc = 0.2 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    with pytest.raises(SegmentationError, match="must be 3 to 32"):
+        find_corners(disc, max_bend=1e-4)
+    grey = np.full((240, 320), 255, np.uint8)
+    grey[100:102, 100:102] = 0
+    with pytest.raises(SegmentationError, match="outline"):
+        extract_outline(grey, segment(grey, SegmentationSettings(min_pixels=1)), CAMERA)
+    model, _ = picture(SCALES["target"], (0.0, 0.0), 0.0)
+    _, outline = picture(SCALES["L"], (0.0, 0.0), 10.0)
+    with pytest.raises(SegmentationError, match="does not match the 8 corners"):
+        match_corners(outline, model)
 
 
 @pytest.mark.parametrize("turn", [0.0, 31.0, 250.0])
@@ -129,13 +130,6 @@ def test_a_small_targets_corners_are_those_of_its_model(turn, depth):
     ):  # fmt: skip
         corners = match_corners(outline, known)
         assert np.linalg.norm(corners - wanted, axis=1).max() < 1.2 / 200.0
-
-
-def test_another_polygon_is_not_taken_for_the_model():
-    model, _ = picture(SCALES["target"], (0.0, 0.0), 0.0)
-    _, outline = picture(SCALES["L"], (0.0, 0.0), 10.0)
-    with pytest.raises(SegmentationError, match="does not match the 8 corners"):
-        match_corners(outline, model)
 
 
 # px: an acute corner, which errs most, and a short side.
@@ -168,23 +162,17 @@ def test_each_corner_errs_as_its_own_sides_tell_and_neighbours_together():
     assert compute_rms_deviation(spread) == pytest.approx(np.sqrt(np.mean(deviations**2)), rel=0.5)
 
 
-def test_a_side_along_a_row_of_pixels_is_not_exact_because_its_points_scatter_little():
+def test_spread_of_fitted_lines_and_of_their_crossing():
     spread = compute_crossing_spread([
         FittedLine(np.array([5.0, 0.0]), np.array([0.0, 1.0]), 10.0, 9.0, 0.0),
         FittedLine(np.array([0.0, 5.0]), np.array([1.0, 0.0]), 10.0, 9.0, 0.1)])
     across_each = np.linalg.norm(spread[0]), np.linalg.norm(spread[1])
     assert 0.3 * across_each[0] < across_each[1] < across_each[0]
-
-
-def test_points_less_than_a_pixel_apart_count_as_so_many_as_are_independent():
     along = np.linspace(0.0, 20.0, 81)
     points = np.column_stack([along, 0.1 * np.sin(along)])
     every, some = (FittedLine.fit(points, np.array([0.0, 1.0]), count) for count in (81.0, 20.0))
     assert some.squares / some.count == pytest.approx(every.squares / every.count)
     assert some.length == pytest.approx(every.length * np.sqrt(20.0 / 81.0))
-
-
-def test_lines_that_hardly_meet_leave_the_corner_open_only_across_them():
     lines = [FittedLine(np.array([x, 0.0]), np.array([slope, 1.0]) / np.hypot(slope, 1.0), 10.0,
                         9.0, 0.1) for x, slope in ((-10.0, 0.0), (10.0, 0.01))]  # fmt: skip
     spread = compute_crossing_spread(lines)

@@ -105,8 +105,7 @@ def test_full_turn_orientation_under_tilt(seed: int, make) -> None:
     np.testing.assert_array_equal(result.L[0], result.L[1])
 
 
-def test_symmetry_is_judged_free_of_scale() -> None:
-    """Small or far makes no shape symmetric, large makes no rectangle asymmetric."""
+def test_symmetry_and_orientation_of_a_target():
     for scale in (1e-4, 1.0, 1e3):
         for shape, is_symmetric in ((TARGET, False), (RECTANGLE, True)):
             moments = Moments.from_polygon(shape * scale)
@@ -115,6 +114,10 @@ def test_symmetry_is_judged_free_of_scale() -> None:
     half_turned = Moments.from_polygon(-RECTANGLE)
     reference = Reference.from_moments(Moments.from_polygon(RECTANGLE), 1.0)
     assert compute(half_turned, ("alpha_full",), FRONT, reference)["alpha_full"] == pytest.approx(0)
+    view = tilted(0, TARGET)
+    assert TargetOrientation.from_moments(Moments.from_polygon(view.image, 2), view.plane) is None
+    square = Moments.from_points([[-0.25, -0.25], [0.25, -0.25], [0.25, 0.25], [-0.25, 0.25]])
+    assert TargetOrientation.from_moments(square, Plane.fronto_parallel(0.5)) is None
 
 
 @pytest.mark.parametrize(("shape", "names"), [
@@ -256,13 +259,6 @@ def test_a_tilted_view_is_turned_square_on(shape, make, turned: bool) -> None:
         assert found.alpha == pytest.approx(axis(moments.centred), abs=1e-12)
         assert abs(remainder(found.upright_alpha - axis(exact.centred), pi)) < TOLERANCE
         np.testing.assert_allclose(found.third, third(exact.centred), atol=TOLERANCE)
-
-
-def test_no_orientation_without_third_order_or_main_axis() -> None:
-    view = tilted(0, TARGET)
-    assert TargetOrientation.from_moments(Moments.from_polygon(view.image, 2), view.plane) is None
-    square = Moments.from_points([[-0.25, -0.25], [0.25, -0.25], [0.25, 0.25], [-0.25, 0.25]])
-    assert TargetOrientation.from_moments(square, Plane.fronto_parallel(0.5)) is None
 
 
 # -- reference values from another library and from 50-digit arithmetic -------------------------

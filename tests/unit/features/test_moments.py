@@ -202,7 +202,7 @@ def test_kernel_features_pixel_by_pixel() -> None:
     np.testing.assert_array_equal(layout[16:], result.values)
 
 
-def test_moment_layout() -> None:
+def test_the_original_layout():
     camera = Pinhole(200.0, 210.0, 15.0, 11.0)
     rows, columns = np.argwhere(mask()).T.astype(float)
     row, column, m00, alpha = compute_original_moments(mask(), camera)
@@ -210,9 +210,6 @@ def test_moment_layout() -> None:
     assert column == pytest.approx((columns.mean() - 15.0) / 200.0)
     assert m00 == len(rows)
     assert alpha == pytest.approx(0.1 * compute_kernel_features(mask()).values[3])
-
-
-def test_lost_target_gives_no_numbers() -> None:
     empty = np.zeros((24, 32), np.uint8)
     with pytest.raises(DegenerateFeatureError, match="no target"):
         compute_kernel_features(empty)

@@ -7,12 +7,8 @@ import numpy as np
 import pytest
 from feature_cases import RECTANGLE, grey_image
 
+from aras_visual_servo_camera import detection_pipeline
 from aras_visual_servo_camera.camera_model import CameraModel
-from aras_visual_servo_camera.detection_pipeline import (
-    DetectionPipeline,
-    DetectionSettings,
-    TargetDetection,
-)
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.overlay import draw
 
@@ -29,8 +25,8 @@ def grey() -> np.ndarray:
     return grey_image(RECTANGLE @ turn.T + CENTRE, CAMERA.pinhole)
 
 
-def measured(grey: np.ndarray) -> TargetDetection:
-    pipeline = DetectionPipeline(DetectionSettings())
+def measured(grey: np.ndarray) -> detection_pipeline.TargetDetection:
+    pipeline = detection_pipeline.DetectionPipeline(detection_pipeline.DetectionSettings())
     pipeline.set_camera(CAMERA)
     return pipeline.measure(Image(grey, "mono8"))
 
@@ -44,7 +40,7 @@ def places(picture: np.ndarray, colour: tuple[int, int, int]) -> np.ndarray:
     return np.argwhere((np.abs(picture - np.array(colour)) <= 50).all(axis=2))[:, ::-1]
 
 
-def test_contour_is_the_target_s_edge(grey: np.ndarray) -> None:
+def test_contour_axis_and_desired_outline_are_drawn(grey):
     measurement, rgb = measured(grey), in_colour(grey)
     picture = draw(rgb, measurement)
     np.testing.assert_array_equal(rgb, in_colour(grey))  # the picture given stays as it is
@@ -53,9 +49,6 @@ def test_contour_is_the_target_s_edge(grey: np.ndarray) -> None:
     green = (picture == GREEN).all(axis=2)
     assert not green[~rim].any()  # one pixel wide, on the target
     assert green.sum() > 0.9 * rim.sum()  # the axis crosses it
-
-
-def test_axis_lies_along_the_target_four_gyration_radii_long(grey: np.ndarray) -> None:
     yellow = places(draw(in_colour(grey), measured(grey)), YELLOW)
     assert len(yellow) > 10  # the rest of it is blended with its ground
     x = (yellow[:, 0] - 150.0) / 200.0 - CENTRE[0]
@@ -65,6 +58,13 @@ def test_axis_lies_along_the_target_four_gyration_radii_long(grey: np.ndarray) -
     reach = 2.0 * np.sqrt((0.2**2 + 0.12**2) / 12.0)
     assert along.max() == pytest.approx(reach, abs=4.0 / 190.0)
     assert along.min() == pytest.approx(-reach, abs=4.0 / 190.0)
+    desired = [(-0.5, -0.4), (-0.25, -0.4), (-0.25, -0.1), (-0.5, -0.1)]
+    picture = draw(in_colour(grey), measured(grey), desired)
+    blue = {tuple(place) for place in places(picture, BLUE).tolist()}
+    box = {(u, v) for u in range(51, 100) for v in (34, 91)}
+    box |= {(u, v) for v in range(35, 91) for u in (50, 100)}
+    assert box <= blue <= box | {(u, v) for u in (50, 100) for v in (34, 91)}
+    assert len(places(draw(in_colour(grey), measured(grey), desired[:2]), BLUE)) == 0
 
 
 def test_cross_stands_on_the_centre_of_gravity() -> None:
@@ -78,16 +78,6 @@ def test_cross_stands_on_the_centre_of_gravity() -> None:
     # how far it reaches: the red that is drawn on black adds up to nine pixels, four each way
     drawn = draw(in_colour(grey), measured(grey))[101:120, 200, 0] / 230.0
     assert [drawn[:9].sum(), drawn[10:].sum()] == pytest.approx([3.6, 3.6], abs=0.4)
-
-
-def test_desired_outline_is_blue_and_closed(grey: np.ndarray) -> None:
-    desired = [(-0.5, -0.4), (-0.25, -0.4), (-0.25, -0.1), (-0.5, -0.1)]
-    picture = draw(in_colour(grey), measured(grey), desired)
-    blue = {tuple(place) for place in places(picture, BLUE).tolist()}
-    box = {(u, v) for u in range(51, 100) for v in (34, 91)}
-    box |= {(u, v) for v in range(35, 91) for u in (50, 100)}
-    assert box <= blue <= box | {(u, v) for u in (50, 100) for v in (34, 91)}
-    assert len(places(draw(in_colour(grey), measured(grey), desired[:2]), BLUE)) == 0
 
 
 def test_a_target_that_is_not_valid_is_red_with_the_reason_below() -> None:

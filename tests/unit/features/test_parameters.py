@@ -7,13 +7,10 @@ from aras_visual_servo_camera.errors import VisionParameterError
 from aras_visual_servo_camera.parameters import VisionParameters
 
 
-def test_defaults_are_accepted() -> None:
+def test_defaults_and_given_values():
     given = list_defaults(VisionParameters)
     assert VisionParameters.from_mapping({}) == VisionParameters.from_mapping(given)
     assert VisionParameters.from_mapping({}).pipeline_settings.original_threshold == 250.0
-
-
-def test_values_arrive() -> None:
     parameters = VisionParameters.from_mapping(
         {"layout": "kernel", "threshold": 90, "desired_outline": [0, 0, 1, 0, 1, 1]}
     )

@@ -137,7 +137,7 @@ def test_camera_info_is_needed_but_by_the_original_s_kernel_features() -> None:
     assert not measured.valid and measured.reason == "focal length is zero"
 
 
-def test_size_that_changes_mid_run() -> None:
+def test_a_size_that_changes_and_a_lost_target():
     pipeline = DetectionPipeline(DetectionSettings())
     pipeline.set_camera(CAMERA)
     assert measure(with_box(100, 100, 30, 40), pipeline).valid
@@ -148,6 +148,14 @@ def test_size_that_changes_mid_run() -> None:
     assert measure(np.ascontiguousarray(smaller), pipeline).valid
     pipeline.set_camera(CAMERA)
     assert measure(with_box(100, 100, 30, 40), pipeline).valid
+    pipeline = DetectionPipeline(DetectionSettings(SegmentationSettings(component="nearest")))
+    pipeline.set_camera(CAMERA)
+    grey = with_box(100, 20, 10, 10)
+    measure(grey, pipeline)
+    grey[60:120, 200:260] = 0
+    assert measure(grey, pipeline).target.box == (20, 100, 10, 10)
+    assert not measure(white(), pipeline).valid
+    assert measure(grey, pipeline).target.box == (200, 60, 60, 60)  # the largest again
 
 
 @pytest.mark.parametrize(
@@ -163,17 +171,6 @@ def test_nearest_is_measured_from_the_middle_of_the_target(near, far) -> None:
     for column, row in (near, far):  # 7 x 7, half a pixel nearer than the other
         grey[114 + row - 3 : 114 + row + 4, 119 + column - 3 : 119 + column + 4] = 0
     assert measure(grey, pipeline).target.box == (119 + near[0] - 3, 114 + near[1] - 3, 7, 7)
-
-
-def test_a_lost_target_is_looked_for_anew() -> None:
-    pipeline = DetectionPipeline(DetectionSettings(SegmentationSettings(component="nearest")))
-    pipeline.set_camera(CAMERA)
-    grey = with_box(100, 20, 10, 10)
-    measure(grey, pipeline)
-    grey[60:120, 200:260] = 0
-    assert measure(grey, pipeline).target.box == (20, 100, 10, 10)
-    assert not measure(white(), pipeline).valid
-    assert measure(grey, pipeline).target.box == (200, 60, 60, 60)  # the largest again
 
 
 @pytest.mark.parametrize(("height", "width"), [(60, 20), (20, 60)], ids=["upright", "lying"])

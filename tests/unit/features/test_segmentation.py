@@ -44,7 +44,7 @@ def test_otsu_does_not_split_an_empty_scene() -> None:
     assert target.pixel_count == 0 and "grey levels apart" in target.reason
 
 
-def test_adaptive_ignores_a_slope_of_light() -> None:
+def test_adaptive_thresholds_and_bright_targets():
     grey = scene(SMALL, target=0).astype(int)
     slope = np.linspace(60, 0, 80).astype(int)
     grey = np.clip(np.where(grey > 100, 200 - 2 * slope, 40), 0, 255).astype(np.uint8)
@@ -52,6 +52,9 @@ def test_adaptive_ignores_a_slope_of_light() -> None:
         grey, SegmentationSettings(method="adaptive", adaptive_block=31, component="largest")
     )
     assert target.box == SMALL
+    grey = 255 - scene(BIG)
+    for method in ("fixed", "otsu", "adaptive"):
+        assert segment(grey, SegmentationSettings(method, dark_target=False)).box == BIG
 
 
 def test_colour_range_may_run_through_red() -> None:
@@ -63,12 +66,6 @@ def test_colour_range_may_run_through_red() -> None:
     assert target.box == (10, 10, 20, 10) and target.threshold == -1.0
     with pytest.raises(SegmentationError, match="needs a colour image"):
         segment(rgb[..., 0], settings)
-
-
-def test_bright_target_on_dark_ground() -> None:
-    grey = 255 - scene(BIG)
-    for method in ("fixed", "otsu", "adaptive"):
-        assert segment(grey, SegmentationSettings(method, dark_target=False)).box == BIG
 
 
 def test_choice_of_the_component() -> None:
@@ -110,7 +107,7 @@ def test_unusable_targets_say_why(boxes, least, text: str) -> None:
     assert text in reason and bool(text) == bool(reason)
 
 
-def test_coverage_of_a_soft_edge() -> None:
+def test_coverage_of_edges():
     grey = scene((20, 20, 20, 15), ground=200, target=20)
     grey[20:35, 40] = 65  # three quarters covered
     grey[20:35, 19] = 155  # one quarter
@@ -118,15 +115,18 @@ def test_coverage_of_a_soft_edge() -> None:
     assert weights.sum() == pytest.approx(15 * 21)
     assert weights[20 - corner[1], 40 - corner[0]] == pytest.approx(0.75)
     assert weights[20 - corner[1], 19 - corner[0]] == pytest.approx(0.25)
-
-
-def test_coverage_needs_contrast() -> None:
     target = segment(scene(BIG), SegmentationSettings())
     with pytest.raises(SegmentationError, match="no contrast"):
         compute_coverage(np.full((60, 80), 90, np.uint8), target)
     grey = scene(BIG, ground=90, target=89)  # one level is enough
     weights, _ = compute_coverage(grey, segment(grey, SegmentationSettings(threshold=89)))
     assert weights.sum() == pytest.approx(300)
+    grey = np.full((60, 80), 90, np.uint8)
+    labelled = np.zeros((60, 80), np.uint8)
+    labelled[20:35, 40:60] = 255
+    target = segment(grey, SegmentationSettings("label"), target_mask=labelled)
+    weights, _ = compute_coverage(grey, target)
+    assert weights.sum() == 300.0 and set(np.unique(weights)) == {0.0, 1.0}
 
 
 SHADED = np.linspace(40, 160, 60)[:, None] * np.ones((1, 80))  # from dark above to light below
@@ -168,15 +168,6 @@ def test_a_shaded_targets_edge_pixels_are_divided_by_the_levels_around_them() ->
     assert weights[32 - top, 40 - left] == pytest.approx(0.75, abs=0.02)
     assert weights[32 - top, 19 - left] == pytest.approx(0.25, abs=0.02)
     assert weights.sum() == pytest.approx(25 * 21, rel=2e-3)
-
-
-def test_without_contrast_the_edge_is_the_masks() -> None:
-    grey = np.full((60, 80), 90, np.uint8)
-    labelled = np.zeros((60, 80), np.uint8)
-    labelled[20:35, 40:60] = 255
-    target = segment(grey, SegmentationSettings("label"), target_mask=labelled)
-    weights, _ = compute_coverage(grey, target)
-    assert weights.sum() == 300.0 and set(np.unique(weights)) == {0.0, 1.0}
 
 
 def test_what_is_near_a_colour_is_the_target_in_light_and_in_shade() -> None:

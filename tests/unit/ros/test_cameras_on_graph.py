@@ -25,13 +25,7 @@ from tf2_msgs.msg import TFMessage
 from aras_sim_bridge.camera import CameraConfig, CameraReading
 from aras_sim_bridge.description import DepthDescription, parse_urdf
 from aras_sim_bridge.errors import CameraError
-from aras_sim_bridge.ros.camera import frame_broadcaster, settings
-from aras_sim_bridge.ros.camera.compressed import (
-    COMPRESSED_FIELDS,
-    BackgroundWorker,
-    CompressedTopic,
-    encode,
-)
+from aras_sim_bridge.ros.camera import compressed, frame_broadcaster, settings
 from aras_sim_bridge.ros.camera.image_topics import PointsTopic
 from aras_sim_bridge.ros.camera.info import add_prefix, find_calibration_path
 from aras_sim_bridge.ros.camera.topics import CameraTopics
@@ -47,7 +41,7 @@ SETTINGS = {
         "row_time": 1e-6, "exposure_time": 2e-3, "exposure_samples": 1,
         "sensor": {"gain": 0.02, "full_well": 12e3, "read_noise": 7.0, "dark_current": 30.0}}}
 SETTINGS_OF_A_PRESET = {k: v for k, v in SETTINGS.items() if k not in ("parent", "pose")}
-DEFAULTS = {field.name: field.default for field in COMPRESSED_FIELDS}
+DEFAULTS = {field.name: field.default for field in compressed.COMPRESSED_FIELDS}
 
 
 @pytest.fixture(autouse=True)
@@ -355,7 +349,7 @@ RED = np.full((4, 6, 3), (200, 0, 0), np.uint8)
     (NOISE[..., 0], "mono8", "png", "mono8; png compressed ", NOISE[..., 0]),
     (WIDE[..., 0], "mono16", "jpeg", "mono16; jpeg compressed ", NOISE[..., 0])])
 def test_pictures_are_compressed_as_image_transport_does(image, encoding, kind, text, expected):
-    told, data = encode(image, encoding, {**DEFAULTS, "format": kind})
+    told, data = compressed.encode(image, encoding, {**DEFAULTS, "format": kind})
     assert told == text
     if kind == "png":
         back = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
@@ -374,7 +368,7 @@ def test_pictures_are_compressed_as_image_transport_does(image, encoding, kind, 
     ({"format": "png", "png_level": 2}, cv2.IMWRITE_PNG_COMPRESSION, 2)])
 def test_compression_follows_its_settings(settings, option, value):
     image = NOISE // 64  # few colours, so that levels of compression differ
-    data = encode(image, "bgr8", {**DEFAULTS, **settings})[1]
+    data = compressed.encode(image, "bgr8", {**DEFAULTS, **settings})[1]
     options = [option, value]
     if "jpeg_quality" not in settings and "format" not in settings:
         options += [cv2.IMWRITE_JPEG_QUALITY, 80]
@@ -383,20 +377,17 @@ def test_compression_follows_its_settings(settings, option, value):
     assert data != cv2.imencode(f".{kind}", image)[1].tobytes()
 
 
-def test_a_picture_that_cannot_be_written_is_a_fault_that_names_it(monkeypatch):
-    monkeypatch.setattr(cv2, "imencode", lambda *_: (False, None))
-    with pytest.raises(CameraError, match=r"cannot write a \(4, 6, 3\) rgb8 image as jpeg"):
-        encode(RED, "rgb8", DEFAULTS)
-
-
-def test_settings_of_compression_are_image_transport_s():
+def test_settings_and_failure_of_compression(monkeypatch):
     limits = {field.name: (field.type, field.default, field.minimum, field.maximum)
-              for field in COMPRESSED_FIELDS}
+              for field in compressed.COMPRESSED_FIELDS}
     assert limits == {
         "format": ("str", "jpeg", "", ""), "jpeg_quality": ("int", 80, 1, 100),
         "jpeg_progressive": ("bool", False, False, True),
         "jpeg_optimize": ("bool", False, False, True),
         "jpeg_restart_interval": ("int", 0, 0, 65535), "png_level": ("int", 9, 1, 9)}
+    monkeypatch.setattr(cv2, "imencode", lambda *_: (False, None))
+    with pytest.raises(CameraError, match=r"cannot write a \(4, 6, 3\) rgb8 image as jpeg"):
+        compressed.encode(RED, "rgb8", DEFAULTS)
 
 
 def served(graph):
@@ -414,7 +405,7 @@ def test_of_pictures_that_wait_for_the_encoder_the_newest_stay():
         assert go_on.wait(30.0)
         done.append(item)
 
-    encoder = BackgroundWorker(work, 3, "encoder")
+    encoder = compressed.BackgroundWorker(work, 3, "encoder")
     encoder.put(0)
     assert begun.wait(30.0)
     for item in range(1, 8):
@@ -433,7 +424,7 @@ def test_of_pictures_that_wait_for_the_encoder_the_newest_stay():
 
 
 def test_the_encoder_ends_with_its_topic(graph):
-    topic = CompressedTopic("/c/image", None)
+    topic = compressed.CompressedTopic("/c/image", None)
     graph.publishers["/c/image/compressed"].unregister()  # as rospy does at the end
     topic.publish(Time(1, 2), "lens", CameraReading(0, RED, "rgb8"))
     until(lambda: all("compress /c" not in thread.name for thread in enumerate_threads()))
@@ -452,7 +443,7 @@ def test_a_compressed_topic_reads_its_parameters_and_sends(graph):
     ):
         graph.parameters = {f"{place}/{name}": value for name, value in given.items()}
         graph.lines.clear()
-        topic = CompressedTopic("/c/image", None)
+        topic = compressed.CompressedTopic("/c/image", None)
         assert served(graph) == {**DEFAULTS, **found}
         assert graph.lines == [f"{place}/{line}" for line in said]
     topic.publish(Time(1, 2), "lens", CameraReading(0, RED, "rgb8"))
@@ -473,14 +464,14 @@ def test_a_compressed_topic_reads_its_parameters_and_sends(graph):
     assert served(graph)["jpeg_quality"] == 100
     topic.publish(Time(1, 3), "lens", CameraReading(0, np.zeros((0, 0)), "rgb8"))
     until(lambda: "image/compressed: " in graph.lines[-1])
-    assert graph.periods == [5.0] and CompressedTopic.BACKLOG == 4
+    assert graph.periods == [5.0] and compressed.CompressedTopic.BACKLOG == 4
     topic.unregister()
     until(lambda: not graph.publishers and not graph.services)
 
 
 def test_a_compressed_topic_does_not_go_while_it_sends(graph):
     """rospy's publish takes its publisher's inside again after sending."""
-    topic = CompressedTopic("/c/image", None)
+    topic = compressed.CompressedTopic("/c/image", None)
     publisher, begun, go_on, seen = (graph.publishers["/c/image/compressed"], Event(), Event(), [])
 
     def publish(message: object) -> None:

@@ -22,13 +22,9 @@ from aras_sim_bridge.control.controllers.trajectory_types import (
     TrajectoryGoal,
 )
 from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.ros.control import trajectory
 from aras_sim_bridge.ros.control.manager_services import ManagerServices
 from aras_sim_bridge.ros.control.topics import ControllerTopics
-from aras_sim_bridge.ros.control.trajectory import (
-    TrajectoryActionServer,
-    fill_state,
-    from_trajectory,
-)
 from aras_sim_bridge.ros.runtime.reconfigure_parameters import PID_FIELDS
 from aras_sim_bridge.ros.runtime.restart_record import RestartRecord
 
@@ -290,11 +286,16 @@ def test_gains_are_told_and_changed_by_reconfigure(rig):
     assert {d.name: d.value for d in described.dflt.doubles}["p"] == 10.0
 
 
-def test_fields_of_gains_are_control_toolbox_s():
+def test_gains_are_control_toolbox_s_and_on_the_graph_with_the_robot(rig):
     assert {f.name: (f.type, f.default, f.minimum, f.maximum) for f in PID_FIELDS} == {
         "p": ("double", 10, -1e5, 1e5), "i": ("double", 0.1, -1e5, 1e5),
         "d": ("double", 1, -1000, 1000), "i_clamp_min": ("double", -10, -1e5, 0),
         "i_clamp_max": ("double", 10, 0, 1e5), "antiwindup": ("bool", False, False, True)}
+    service = "/rig/gazebo_ros_control/pid_gains/slide/set_parameters"
+    rig.graph.call(service, Config(doubles=[DoubleParameter("p", 5.0)]))
+    assert rig.robot.hardware.pids["slide"].gains.p == 5.0
+    rig.services.shutdown()
+    assert not rig.graph.services and not rig.graph.publishers and not rig.graph.subscribers
 
 
 def test_a_controller_that_is_started_while_time_stands_holds_its_joint_where_it_is(rig):
@@ -310,14 +311,6 @@ def test_a_controller_that_is_started_while_time_stands_holds_its_joint_where_it
     rig.step(11)
     found = messages(state, control.JointControllerState)[0].set_point
     assert found == pytest.approx(positions[k], abs=1e-9) and velocities[k] > 0.1
-
-
-def test_gains_of_joints_are_on_the_graph_with_the_robot(rig):
-    service = "/rig/gazebo_ros_control/pid_gains/slide/set_parameters"
-    rig.graph.call(service, Config(doubles=[DoubleParameter("p", 5.0)]))
-    assert rig.robot.hardware.pids["slide"].gains.p == 5.0
-    rig.services.shutdown()
-    assert not rig.graph.services and not rig.graph.publishers and not rig.graph.subscribers
 
 
 @pytest.mark.parametrize(("given", "topic"), [
@@ -355,13 +348,13 @@ TRAJECTORY = JointTrajectory(joint_names=["slide"], points=POINTS)
 def test_trajectories_are_read_and_their_states_written():
     message = JointTrajectory(joint_names=["slide"], points=POINTS)
     message.header.stamp = Time(3, 4)
-    found = from_trajectory(message)
+    found = trajectory.from_trajectory(message)
     assert (list(found.joint_names), found.stamp_ns) == (["slide"], 3_000_000_004)
     first, second = found.points
     assert (first.time_from_start_ns, second.time_from_start_ns) == (500_000_000, 1_000_000_000)
     assert (first.positions, first.velocities, first.accelerations) == ([1.0], [2.0], [3.0])
     points = [StatePoint([k], [k + 1.0], [k + 2.0], k + 0.5) for k in (1.0, 5.0, 9.0)]
-    message = fill_state(
+    message = trajectory.fill_state(
         control.JointTrajectoryControllerState(), TrajectoryControllerState(7, ("a",), *points))
     assert (message.header.stamp.to_nsec(), message.joint_names) == (7, ["a"])
     for found, wanted in zip((message.desired, message.actual, message.error), points, strict=True):
@@ -434,20 +427,6 @@ def test_actions_bear_stamps_of_simulated_time(follow, monkeypatch):
     assert len(status) == count
 
 
-def test_a_goal_is_read_in_every_field(rig):
-    tolerance = control.JointTolerance
-    message = control.FollowJointTrajectoryGoal(
-        trajectory=TRAJECTORY, path_tolerance=[tolerance("a", 1.0, 2.0, 3.0)],
-        goal_tolerance=[tolerance("b", 4.0, 5.0, 6.0), tolerance("c", 7.0, 8.0, 9.0)],
-        goal_time_tolerance=Duration(1, 500_000_000))
-    action = TrajectoryActionServer(rig.run("follow")[0], "/other", rig.thread)
-    assert action.make_goal(message) == TrajectoryGoal(
-        from_trajectory(TRAJECTORY), [Tolerance("a", 1.0, 2.0, 3.0)],
-        [Tolerance("b", 4.0, 5.0, 6.0), Tolerance("c", 7.0, 8.0, 9.0)], 1.5)
-    action.shutdown()
-    assert not [name for name in rig.graph.subscribers if name.startswith("/other")]
-
-
 def test_goals_are_refused_cancelled_and_fail(follow):
     step = follow.rig.step
     follow.send("w", trajectory=JointTrajectory(joint_names=["nobody"], points=POINTS))
@@ -509,7 +488,18 @@ def test_the_wanted_state_can_be_asked_for(follow):
     assert not [name for name in left if name.startswith("/rig/follow/")]
 
 
-def test_a_controller_without_ports_has_no_topics(rig):
+def test_ports_of_a_controller_and_all_fields_of_a_goal(rig):
     before = dict(rig.graph.publishers)
     ControllerTopics(Controller(), "/rig", rig.thread).shutdown()
     assert rig.graph.publishers == before
+    tolerance = control.JointTolerance
+    message = control.FollowJointTrajectoryGoal(
+        trajectory=TRAJECTORY, path_tolerance=[tolerance("a", 1.0, 2.0, 3.0)],
+        goal_tolerance=[tolerance("b", 4.0, 5.0, 6.0), tolerance("c", 7.0, 8.0, 9.0)],
+        goal_time_tolerance=Duration(1, 500_000_000))
+    action = trajectory.TrajectoryActionServer(rig.run("follow")[0], "/other", rig.thread)
+    assert action.make_goal(message) == TrajectoryGoal(
+        trajectory.from_trajectory(TRAJECTORY), [Tolerance("a", 1.0, 2.0, 3.0)],
+        [Tolerance("b", 4.0, 5.0, 6.0), Tolerance("c", 7.0, 8.0, 9.0)], 1.5)
+    action.shutdown()
+    assert not [name for name in rig.graph.subscribers if name.startswith("/other")]

@@ -11,6 +11,7 @@ from stepped_models import BALL, QUARTER, xyz
 
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.ros.control.manager_services import ManagerServices
+from aras_sim_bridge.ros.gazebo_api.physics_properties import PhysicsProperties
 from aras_sim_bridge.ros.gazebo_api.spawn_requests import find_namespace
 from aras_sim_bridge.ros.runtime.pacing import Pacer
 from aras_sim_bridge.ros.runtime.reconfigure_parameters import PHYSICS_FIELDS
@@ -192,8 +193,6 @@ def test_all_of_physics_is_told_as_it_is_and_as_it_was_set(api, call):
 
 
 def test_the_update_rate_is_the_pace_by_the_step(graph):
-    from aras_sim_bridge.ros.gazebo_api.physics_properties import PhysicsProperties
-
     thread = SimulationThread(lambda: Simulation(SimulationConfig(time_step=0.002)), Pacer(0.5),
                               paused=True)
     thread.start()
@@ -257,18 +256,7 @@ def test_metrics_tell_how_often_cameras_that_are_looked_at_draw(api, monkeypatch
         assert told.fps == fps
 
 
-def test_metrics_are_told_five_times_a_second(api, monkeypatch):
-    now = [0.5]
-    monkeypatch.setattr("time.monotonic", lambda: now[0])
-    metrics, told = api.graph.publishers["/gazebo/performance_metrics"], []
-    metrics.impl.connections.append(object())
-    for now[0] in (0.5, 0.6875, 0.75, 0.875, 0.96875):
-        api.states.after_batch(api.thread.simulation)
-        told.append(len(metrics.sent))
-    assert told == [1, 1, 2, 2, 3]
-
-
-def test_the_real_time_factor_is_told_once_a_second(api):
+def test_metrics_and_the_real_time_factor_have_their_rates(api, monkeypatch):
     ((period, tell),) = api.graph.timers
     assert period.to_sec() == 1.0
     api.thread.pacer.restart(0)
@@ -278,6 +266,14 @@ def test_the_real_time_factor_is_told_once_a_second(api):
     factor.unregister()
     tell(None)  # a second comes round while the node ends: no traceback
     assert factor.sent == [0.0]
+    now = [0.5]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    metrics, told = api.graph.publishers["/gazebo/performance_metrics"], []
+    metrics.impl.connections.append(object())
+    for now[0] in (0.5, 0.6875, 0.75, 0.875, 0.96875):
+        api.states.after_batch(api.thread.simulation)
+        told.append(len(metrics.sent))
+    assert told == [1, 1, 2, 2, 3]
 
 
 HINGE = "<axis><xyz>0 1 0</xyz></axis>"

@@ -136,6 +136,9 @@ def test_the_clock_and_the_states_come_with_the_steps(make):
     make.graph.call("/gazebo/step_world", 1)
     assert ticks(listener) == [MS]
     assert it.thread.simulation.before_images == it.clock.publish
+    text = '<robot name="box"><link name="l"/></robot>'
+    assert make.graph.call("/gazebo/spawn_urdf_model", "box", text, "", Pose(), "").success
+    assert rospy.resolve_name("~spawned") not in make.graph.parameters
 
 
 def test_topics_and_services_are_gazebo_ros_s(make):
@@ -301,13 +304,6 @@ def test_one_that_cannot_come_back_does_not_keep_the_others_away(make):
     second = make(paused=True, restore=True)
     assert list(second.thread.simulation.world.models) == ["ground_plane", "b"]
     assert any("restoring by service" in line for line in make.graph.lines)
-
-
-def test_nothing_is_written_down_without_need(make):
-    make(paused=True)
-    text = '<robot name="box"><link name="l"/></robot>'
-    assert make.graph.call("/gazebo/spawn_urdf_model", "box", text, "", Pose(), "").success
-    assert rospy.resolve_name("~spawned") not in make.graph.parameters
 
 
 def test_lockstep_waits_for_its_topics_by_periods(make):

@@ -379,16 +379,7 @@ def test_recording_and_teaching_are_refused_where_nothing_would_be_recorded(
         host.execute(teach)
 
 
-def test_news_are_of_the_joints_that_were_heard(host, listener):
-    news = host.make_update()
-    assert news["joints"] == pytest.approx(position(1.5).tolist())
-    assert news["velocities"] == [0.01, 0.02] and news["stamp"] == 0.0
-    listener.stamp, listener.positions = 1.75, None
-    news = host.make_update()
-    assert "joints" not in news and news["stamp"] == 1.75
-
-
-def test_the_robot_is_drawn_once(host, graph, listener):
+def test_the_robot_is_drawn_once_and_news_are_of_its_joints(host, graph, listener):
     first = host.make_robot_model()
     assert first["name"] == "two" and host.make_robot_model() is first
     listener.urdf = "<robot"
@@ -398,6 +389,12 @@ def test_the_robot_is_drawn_once(host, graph, listener):
     assert line.startswith("the live page cannot draw the robot: ")
     listener.urdf = ""
     assert host.make_robot_model() is None
+    news = host.make_update()
+    assert news["joints"] == pytest.approx(position(1.5).tolist())
+    assert news["velocities"] == [0.01, 0.02] and news["stamp"] == 0.0
+    listener.stamp, listener.positions = 1.75, None
+    news = host.make_update()
+    assert "joints" not in news and news["stamp"] == 1.75
 
 
 def test_a_page_on_a_dead_graph_says_what_is_missing_and_why(graph, life, tmp_path, monkeypatch):
@@ -429,7 +426,7 @@ def test_a_page_on_a_dead_graph_says_what_is_missing_and_why(graph, life, tmp_pa
     assert missing().startswith("The ROS master at http")
 
 
-def test_the_page_s_own_parameters_are_told_from_the_controller_s():
+def test_parameters_of_the_page_and_pages_that_cannot_be_served(graph, life, monkeypatch):
     own, rest = dashboard.split_parameters({"port": 9000, "namespace": "/x", "token": "a" * 12})
     assert (own.host, own.port, own.token, own.robot) == ("127.0.0.1", 9000, "a" * 12,
                                                           "aras_visual_servo")
@@ -440,9 +437,6 @@ def test_the_page_s_own_parameters_are_told_from_the_controller_s():
             dashboard.split_parameters(given)
     assert dashboard.split_parameters({})[0].port == 8080
     assert dashboard.split_parameters({"port": 65535})[0].port == 65535
-
-
-def test_a_page_that_cannot_be_served_says_why(graph, life, monkeypatch):
     rospy.set_param("~port", 0)
     assert dashboard.main() == 1 and "parameter ~port" in graph.lines[-1]
 

@@ -97,7 +97,17 @@ def test_what_is_held_is_carried_by_what_holds_it(world, make):
     assert held.pose().xyz[2] == pytest.approx(0.0, abs=1e-3)
 
 
-def test_models_that_go_and_resets_end_attachments(world, make):
+def test_attachments_that_cannot_be_or_whose_models_go(world, make):
+    world.spawn(thing(make), "one")
+    world.spawn(thing(make), "two", Pose((1.0, 0.0, 0.0)))
+    for words, *ends in (("'three'", "one", "body", "three", "body"),
+                         ("'hand'", "one", "hand", "two", "body"),
+                         ("itself", "one", "body", "one", "body")):
+        with pytest.raises(WorldError, match=words):
+            world.attachments.attach(LinkPair(*ends))
+    with pytest.raises(WorldError, match="not attached; attached are: none"):
+        world.attachments.detach(LinkPair("one", "body", "two", "body"))
+    assert not world.attachments
     for k in range(3):
         world.spawn(thing(make), f"thing_{k}", Pose((0.3 * k, 0.0, 1.0)))
     first, second = (LinkPair("thing_0", "body", f"thing_{k}", "body") for k in (1, 2))
@@ -111,16 +121,3 @@ def test_models_that_go_and_resets_end_attachments(world, make):
     assert not world.attachments
     world.attachments.attach(second)
     world.step()
-
-
-def test_impossible_attachments_are_named(world, make):
-    world.spawn(thing(make), "one")
-    world.spawn(thing(make), "two", Pose((1.0, 0.0, 0.0)))
-    for words, *ends in (("'three'", "one", "body", "three", "body"),
-                         ("'hand'", "one", "hand", "two", "body"),
-                         ("itself", "one", "body", "one", "body")):
-        with pytest.raises(WorldError, match=words):
-            world.attachments.attach(LinkPair(*ends))
-    with pytest.raises(WorldError, match="not attached; attached are: none"):
-        world.attachments.detach(LinkPair("one", "body", "two", "body"))
-    assert not world.attachments

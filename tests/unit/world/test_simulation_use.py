@@ -18,7 +18,7 @@ def simulation():
     it.close()
 
 
-def test_a_camera_is_found_by_name_and_delivers_at_its_instants(make, simulation):
+def test_cameras_are_found_and_unknown_names_are_refused(make, simulation):
     camera = simulation.camera("/labrob/camera")
     frames = []
     camera.on_frame, camera.enabled = frames.append, True
@@ -28,9 +28,6 @@ def test_a_camera_is_found_by_name_and_delivers_at_its_instants(make, simulation
     assert camera.parent_T_optical.shape == (4, 4)
     with pytest.raises(WorldError, match="labrob/camera"):
         simulation.camera("labrob/camra")
-
-
-def test_what_is_unknown_or_impossible_is_refused(simulation):
     robot = simulation.robots["arm"]
     with pytest.raises(ControllerError, match="elbow"):
         robot.start(["elbow"])

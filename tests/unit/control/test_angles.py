@@ -54,10 +54,8 @@ def test_all_agree_with_the_ros_package_everywhere():
 
 
 def test_nothing_of_ros_is_needed():
-    code = (
-        "import sys; sys.modules['angles'] = sys.modules['rospy'] = None; "
-        "import aras_sim_bridge.simulation, aras_sim_bridge.control.controllers"
-    )
+    code = ("import sys; sys.modules['angles'] = sys.modules['rospy'] = None; "
+            "import aras_sim_bridge.simulation, aras_sim_bridge.control.controllers")
     libraries = (Path(module.__file__).parents[1] for module in (angles, aras_visual_servo_base))
     subprocess.run([sys.executable, "-c", code], check=True, env={
         "PYTHONPATH": ":".join(map(str, libraries)), "PATH": os.environ["PATH"]})

@@ -94,10 +94,8 @@ class EarlyDeadBand(ForwardController):
 
 @pytest.mark.parametrize("kind", [DeadBand, EarlyDeadBand])
 def test_compiled_cycles_do_not_bypass_methods_of_a_users_controller(make_rig, make_joint, kind):
-    rig = make_rig(
-        [make_joint("a", "revolute", VELOCITY)],
-        {"c": {"type": f"{kind.__module__}:{kind.__name__}", "joint": "a"}},
-    )
+    rig = make_rig([make_joint("a", "revolute", VELOCITY)],
+                   {"c": {"type": f"{kind.__module__}:{kind.__name__}", "joint": "a"}})
     controller = rig.run("c")
     rig.step()
     for command, used in ((0.3, 0.3), (0.05, 0.0)):

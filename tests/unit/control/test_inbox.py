@@ -8,12 +8,7 @@ import threading
 
 import pytest
 
-from aras_sim_bridge.ros.runtime.message_receiver import (
-    BUFFER_SIZE,
-    LARGEST_MESSAGE,
-    MessageReceiver,
-    MessageStream,
-)
+from aras_sim_bridge.ros.runtime import message_receiver
 
 STEP_NS = 1_000_000
 
@@ -21,11 +16,11 @@ STEP_NS = 1_000_000
 class Publisher:
     """The other end of a stream; `acted` lists what acted, `ended` says that it is over."""
 
-    def __init__(self, inbox: MessageReceiver) -> None:
+    def __init__(self, inbox: message_receiver.MessageReceiver) -> None:
         self.end, self.ours = socket.socketpair()
         self.acted: list[int] = []
         self.ended = threading.Event()
-        self.stream = MessageStream(
+        self.stream = message_receiver.MessageStream(
             self.ours, lambda body: self.acted.append(int(body)), self.ended.set)
         inbox.add(self.stream)
 
@@ -40,7 +35,7 @@ def framed(number: int) -> bytes:
 
 @pytest.fixture
 def inbox():
-    box = MessageReceiver()
+    box = message_receiver.MessageReceiver()
     yield box
     box.close()
 
@@ -85,10 +80,10 @@ def test_without_backlog_the_newest_and_always_the_last_word_act_in_the_step(inb
 
 
 def test_a_message_in_pieces_and_one_that_is_too_long(inbox):
-    assert (LARGEST_MESSAGE, BUFFER_SIZE) == (16 * 1024 * 1024, 1024 * 1024)
+    assert message_receiver.LARGEST_MESSAGE == 16 * message_receiver.BUFFER_SIZE == 16 << 20
     long, mad, sane = (Publisher(inbox) for _ in range(3))
-    long.end.sendall(struct.pack("<I", LARGEST_MESSAGE))
-    mad.end.sendall(struct.pack("<I", LARGEST_MESSAGE + 1))
+    long.end.sendall(struct.pack("<I", message_receiver.LARGEST_MESSAGE))
+    mad.end.sendall(struct.pack("<I", message_receiver.LARGEST_MESSAGE + 1))
     sane.send(1)
     inbox.deliver(0, 1)
     assert [one.ended.is_set() for one in (long, mad, sane)] == [False, True, False]
@@ -113,12 +108,12 @@ def test_a_socket_closed_under_it_is_no_fault(inbox):
         assert publisher.ended.is_set() and other.acted[-1] == number
     acted, ended, (ours, _) = [], threading.Event(), socket.socketpair()
     ours.close()  # before it is read
-    inbox.add(MessageStream(ours, acted.append, ended.set, [b"1"]))
+    inbox.add(message_receiver.MessageStream(ours, acted.append, ended.set, [b"1"]))
     assert ended.is_set() and not inbox.deliver(0, 0) and not acted
 
 
 def test_a_command_wakes_and_so_does_the_bell(inbox):
-    box = MessageReceiver()
+    box = message_receiver.MessageReceiver()
     publisher = Publisher(box)
     assert not box.wait(0.0)
     publisher.send(1)

@@ -4,12 +4,7 @@ from itertools import product
 
 import pytest
 
-from aras_sim_bridge.control.controllers.splines import (
-    SplineSegment,
-    StateTolerances,
-    Waypoint,
-    fit_spline,
-)
+from aras_sim_bridge.control.controllers import splines
 
 S = 1_000_000_000
 
@@ -26,7 +21,7 @@ S = 1_000_000_000
     ("no time: the end state", (0, 1, 2), (3, 4, 6), 0.0, (3, 4, 3, 0, 0, 0)),
     ("no time, positions only: at rest there", (0,), (3,), 0.0, (3, 0, 0, 0, 0, 0))])
 def test_coefficients(proves, start, end, duration, coefficients):
-    found = fit_spline(Waypoint(*start), Waypoint(*end), duration)
+    found = splines.fit_spline(splines.Waypoint(*start), splines.Waypoint(*end), duration)
     assert found == pytest.approx(coefficients, abs=1e-12), proves
 
 
@@ -35,13 +30,14 @@ def test_splines_take_all_their_end_values(values):
     v0, v1, a0, a1 = values
     for count in (2, 3):  # a cubic, and a quintic
         first, last = (0.5, v0, a0)[:count], (-1.5, v1, a1)[:count]
-        segment = SplineSegment(3 * S, Waypoint(*first), 3 * S + S // 4, Waypoint(*last))
+        start, end = splines.Waypoint(*first), splines.Waypoint(*last)
+        segment = splines.SplineSegment(3 * S, start, 3 * S + S // 4, end)
         assert segment.sample(3 * S)[:count] == pytest.approx(first)
         assert segment.sample(3 * S + S // 4)[:count] == pytest.approx(last)
 
 
 def test_outside_its_time_it_rests_at_the_ends():
-    segment = SplineSegment(S, Waypoint(1.0), 2 * S, Waypoint(3.0))
+    segment = splines.SplineSegment(S, splines.Waypoint(1.0), 2 * S, splines.Waypoint(3.0))
     assert segment.sample(0) == (1.0, 0.0, 0.0)
     assert segment.sample(2 * S) == (3.0, 2.0, 0.0)
     assert segment.sample(2 * S + 1) == (3.0, 0.0, 0.0)
@@ -51,5 +47,5 @@ def test_outside_its_time_it_rests_at_the_ends():
     ((0, 0, 0), 9, 9, True), ((1, 0, 0), 1, 9, True), ((1, 0, 0), -1.1, 0, False),
     ((0, 1, 0), 9, -1.1, False), ((0, 1, 0), 9, -1, True), ((0, 0, 0.001), 9, 9, True)])
 def test_tolerances_of_zero_are_not_checked(tolerance, position, velocity, holds):
-    assert StateTolerances() == (0.0, 0.0, 0.0)
-    assert StateTolerances(*tolerance).is_met(position, velocity) is holds
+    assert splines.StateTolerances() == (0.0, 0.0, 0.0)
+    assert splines.StateTolerances(*tolerance).is_met(position, velocity) is holds

@@ -7,7 +7,6 @@ from aras_sim_bridge.description import world_file
 
 @pytest.fixture
 def read(tmp_path):
-    """Read a world file of these texts."""
     def world(*inside):
         path = tmp_path / "a.world"
         text = "".join(inside)

@@ -12,7 +12,6 @@ SDF_BOX = "<geometry><box><size>1 1 1</size></box></geometry>"
 
 
 def painted(name):
-    """A URDF and an SDF whose link has this material."""
     yield parse_urdf(f"<robot name='r'><link name='a'><visual>{BOX}</visual></link>"
                      f"<gazebo reference='a'><material>{name}</material></gazebo></robot>")
     yield parse_sdf(f"<sdf><model name='r'><static>1</static><link name='a'><visual name='v'>"
@@ -55,7 +54,6 @@ def visual(material, name="v"):
 
 
 def shown(*visuals):
-    """Return the colour of an SDF link with these visuals, and the warnings."""
     made = parse_sdf("<sdf><model name='r'><link name='a'>" + "".join(
         one.replace("'v'", f"'v{k}'") for k, one in enumerate(visuals)) + "</link></model></sdf>")
     return made.colours.get("a"), made.warnings

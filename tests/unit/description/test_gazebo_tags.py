@@ -13,12 +13,10 @@ from aras_sim_bridge.errors import DescriptionError
 
 
 def robot(inside):
-    """A robot of one link 'a' with these tags."""
     return parse_urdf(f"<robot name='r'><link name='a'/>{inside}</robot>")
 
 
 def camera(inside="", sensor="", kind="camera"):
-    """Return the camera of a sensor with this text inside and after its <camera>."""
     return robot(f"<gazebo reference='a'><sensor type='{kind}' name='eye'>{sensor}<camera>{inside}"
                  "</camera></sensor></gazebo>").cameras[0]
 

@@ -33,7 +33,6 @@ def test_what_bullet_gets_is_the_same_tensor_about_the_same_point():
 
 
 def make(*tensor, mass=1.0):
-    """The Inertial of this tensor, and its warnings."""
     warnings = []
     return make_inertial("link 'a'", mass, (0, 0, 0), (0, 0, 0), tensor, warnings), warnings
 

@@ -15,10 +15,8 @@ from aras_visual_servo_base.meshes.mesh import MOST_MESHES, MOST_TRIANGLES
 
 CORNERS = ((0, 0, 0), (0.1, 0, 0), (0, 0.1, 0), (0, 0, 0.1))
 FACES = ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
-INERTIAL = (
-    '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
-    "</inertial>"
-)
+INERTIAL = ('<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+            "</inertial>")
 
 
 def binary_stl(corners=CORNERS, count=None):
@@ -65,13 +63,11 @@ def dae(old="", new=""):
 
 
 def polygons(text, each):
-    """Return the COLLADA file with a <polylist> instead of triangles."""
     text = text.replace(b'<triangles count="4">', b'<polylist count="4">')
     return text.replace(b"</triangles>", b"<vcount>" + each + b"</vcount></polylist>")
 
 
 def polygon_list(*corners):
-    """Return the COLLADA file with <polygons> instead of triangles."""
     text = dae("<p>0 2 1 0 1 3 0 3 2 1 2 3</p>").replace(b'<triangles count="4">', b"<polygons>")
     return text.replace(b"</triangles>", b"".join(b"<p>%b</p>" % each for each in corners)
                         + b"</polygons>")

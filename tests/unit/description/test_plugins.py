@@ -15,18 +15,15 @@ EYES = """<camera name='left'><pose>0 0.02 0 0 0 0</pose><image><width>64</width
 
 
 def robot(inside):
-    """A robot of one link 'a' with these tags."""
     return parse_urdf(f"<robot name='r'><link name='a'/>{inside}</robot>")
 
 
 def sensor(filename, settings="", kind="camera", inside="<camera/>", before=""):
-    """The description of a robot whose sensor has this plug-in."""
     return robot(f"<gazebo reference='a'><sensor type='{kind}' name='eye'>{before}{inside}"
                  f"<plugin name='p' filename='{filename}'>{settings}</plugin></sensor></gazebo>")
 
 
 def config(*given, **named):
-    """CameraConfig of the one camera of `sensor`."""
     return CameraConfig.from_description(sensor(*given, **named).cameras[0])
 
 
@@ -224,18 +221,6 @@ def test_a_sensor_s_noise_is_of_the_axis_that_it_is_written_for(file, kind, sett
     assert made.sample_rate == (9.0 if kind == "imu" else 0.0)
     text, _ = channels(kind, (0.0,) * 4, (0.0,) * 4)
     assert measured(file, settings, kind, text).sensors[0].channels == ()
-
-
-@pytest.mark.parametrize(("frame", "direction"), [
-    ("", ""), ("child", "parent_to_child"), ("sensor", "parent_to_child"),
-    ("parent", "child_to_parent")])
-def test_in_which_frame_and_of_whom_a_wrench_is(frame, direction):
-    asked = f"<force_torque><frame>{frame}</frame><measure_direction>{direction}" \
-            "</measure_direction></force_torque>"
-    made = measured("ft_sensor", "<topicName>t</topicName>", "force_torque", asked)
-    assert made.warnings == ()
-    assert made.sensors[0].wrench_frame == (frame or "child")
-    assert made.sensors[0].on_child is (direction == "parent_to_child")
 
 
 @pytest.mark.parametrize(("named", "name", "known"), [

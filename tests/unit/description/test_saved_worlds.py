@@ -348,7 +348,6 @@ def test_a_region_is_turned_by_its_pose_and_its_corner_is_not(read, kind):
 
 
 def matrix(values):
-    """(4, 4) of SDF's x, y, z, roll, pitch, yaw."""
     made = np.eye(4)
     made[:3, :3] = Rotation.from_euler("xyz", values[3:]).as_matrix()
     made[:3, 3] = values[:3]

@@ -12,17 +12,14 @@ from aras_visual_servo_base.poses import Pose
 
 
 def model(inside):
-    """A model of this text."""
     return parse_sdf(f"<sdf><model name='m'>{inside}</model></sdf>")
 
 
 def link(name, pose, inside=""):
-    """A link at a pose in the model."""
     return f"<link name='{name}'><pose>{pose}</pose>{inside}</link>"
 
 
 def joint(inside="", kind="revolute", parent="a", child="b"):
-    """A joint between two links."""
     return (f"<joint name='j' type='{kind}'><parent>{parent}</parent><child>{child}</child>"
             f"{inside}</joint>")
 

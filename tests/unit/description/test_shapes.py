@@ -155,7 +155,6 @@ def test_a_file_s_own_normals_and_coordinates():
 
 
 def body(*visuals, colours=(), com=None, name="r"):
-    """A model of one link."""
     inertial = None if com is None else Inertial(1.0, com, (0.4, 0.5, 0.6), (1, 0, 0, 2, 0, 2.5))
     return RobotDescription(name, "link", {"link": Link("link", inertial, visuals)}, {},
                             static=com is None, colours=dict(colours))

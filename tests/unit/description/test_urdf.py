@@ -24,7 +24,6 @@ LIMIT = "<limit lower='-1' upper='2' effort='3' velocity='4'/>"
 
 
 def robot(inside, name="r"):
-    """A robot of this text."""
     return parse_urdf(f"<robot name='{name}'>{inside}</robot>")
 
 
@@ -39,12 +38,10 @@ def joint(inside="", kind="fixed", name="j", ends="ab"):
 
 
 def joined(inside, kind="revolute"):
-    """The joint 'j' of this text between the links a and b."""
     return robot(AB + joint(inside, kind)).joints["j"]
 
 
 def shown(shape, tag="visual"):
-    """The parts of a link with this shape."""
     link = robot(f"<link name='a'><{tag}><geometry>{shape}</geometry></{tag}></link>").links["a"]
     return link.visuals if tag == "visual" else link.collisions
 

@@ -22,7 +22,6 @@ TARGET = np.array(
 
 
 def rotation(axis_angle: np.ndarray) -> np.ndarray:
-    """Return the rotation matrix (3, 3) of a rotation vector (3,), rad."""
     return cv2.Rodrigues(np.asarray(axis_angle, dtype=float))[0]
 
 
@@ -36,12 +35,10 @@ class View:
 
     @property
     def points(self) -> np.ndarray:
-        """Points (n, 3) in the camera frame, m."""
         return self.shape @ self.R[:, :2].T + self.t
 
     @property
     def image(self) -> np.ndarray:
-        """Points (n, 2) in normalised image coordinates."""
         return self.points[:, :2] / self.points[:, 2:]
 
     @property
@@ -78,12 +75,10 @@ def exact_moment(vertices: list[tuple[Fraction, Fraction]], p: int, q: int) -> F
     """Return m_pq of a polygon in rational numbers, by Steger's double sum (no quadrature)."""
     total = Fraction(0)
     for (x0, y0), (x1, y1) in zip(vertices, vertices[1:] + vertices[:1], strict=True):
-        inner = sum(
-            comb(k + m, m) * comb(p + q - k - m, q - m)
-            * x1**k * x0 ** (p - k) * y1**m * y0 ** (q - m)
-            for k in range(p + 1)
-            for m in range(q + 1)
-        )  # fmt: skip
+        inner = sum(comb(k + m, m) * comb(p + q - k - m, q - m)
+                    * x1**k * x0 ** (p - k) * y1**m * y0 ** (q - m)
+                    for k in range(p + 1)
+                    for m in range(q + 1))  # fmt: skip
         total += (x0 * y1 - x1 * y0) * inner
     return total / ((p + q + 2) * (p + q + 1) * comb(p + q, p))
 

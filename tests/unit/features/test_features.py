@@ -267,20 +267,15 @@ def test_a_tilted_view_is_turned_square_on(shape, make, turned: bool) -> None:
 GOLDEN = Path(__file__).parent / "golden.json"
 
 
-CASES = [
-    pytest.param(case, kind, id=f"{case['name']}-{kind}")
-    for case in json.loads(GOLDEN.read_text())["cases"]
-    for kind in case["variants"]
-]
+CASES = [pytest.param(case, kind, id=f"{case['name']}-{kind}")
+         for case in json.loads(GOLDEN.read_text())["cases"]
+         for kind in case["variants"]]
 
 
 def _moments(case: dict, kind: str) -> tuple[Moments, Moments]:
-    """Current and desired moments."""
     if kind == "discrete":
-        return (
-            Moments.from_points(case["vertices"]),
-            Moments.from_points(case["desired_vertices"]),
-        )
+        return (Moments.from_points(case["vertices"]),
+                Moments.from_points(case["desired_vertices"]))
     desired = Moments.from_polygon(case["desired_vertices"])
     if kind == "polygon":
         return Moments.from_polygon(case["vertices"]), desired

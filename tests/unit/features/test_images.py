@@ -72,11 +72,9 @@ NAMES = "1: ground::link\n2: cart::cart\n16777218: cart::wheel\n33554434: cart::
 NUMBERS = np.array([[1, 2, 16777218], [-1, 33554434, 2]], np.int32)
 
 
-@pytest.mark.parametrize(("wanted", "pixels"), [
-    ("cart", [[0, 255, 255], [0, 255, 255]]),
-    ("cart::wheel", [[0, 0, 255], [0, 0, 0]]),
-    ("ground", [[255, 0, 0], [0, 0, 0]]),
-])  # fmt: skip
+@pytest.mark.parametrize(("wanted", "pixels"), [("cart", [[0, 255, 255], [0, 255, 255]]),
+                                                ("cart::wheel", [[0, 0, 255], [0, 0, 0]]),
+                                                ("ground", [[255, 0, 0], [0, 0, 0]])])  # fmt: skip
 def test_a_model_or_one_of_its_links_is_told(wanted, pixels):
     labels = LabelSegmentation(wanted)
     labels.set_links(NAMES)

@@ -122,10 +122,8 @@ def test_edges_along_rows_of_pixels_lie_where_they_are(phase: float) -> None:
     """All pixels of such an edge are covered alike: nothing averages out, to any order."""
     low, high = np.array([20.0 + phase, 30.0 - 0.7 * phase]), np.array([44.6, 61.25 + phase])
     exact = Moments.from_polygon([low, (high[0], low[1]), high, (low[0], high[1])])
-    cover = [
-        np.clip(np.minimum(b, n + 0.5) - np.maximum(a, n - 0.5), 0.0, 1.0)
-        for a, b, n in zip(low, high, (np.arange(80.0), np.arange(90.0)), strict=True)
-    ]
+    cover = [np.clip(np.minimum(b, n + 0.5) - np.maximum(a, n - 0.5), 0.0, 1.0)
+             for a, b, n in zip(low, high, (np.arange(80.0), np.arange(90.0)), strict=True)]
     for full_scale in (1.0, 255.0):
         weights = full_scale * np.outer(cover[1], cover[0])
         pixels = Pinhole(1.0, 1.0, 0.0, 0.0)

@@ -20,7 +20,6 @@ CENTRE = np.array([0.1, 0.06])  # normalised; pixel (170, 121.4)
 
 @pytest.fixture
 def grey() -> np.ndarray:
-    """A dark rectangle 0.2 x 0.12 about CENTRE, turned by ANGLE."""
     turn = np.array([[cos(ANGLE), -sin(ANGLE)], [sin(ANGLE), cos(ANGLE)]])
     return grey_image(RECTANGLE @ turn.T + CENTRE, CAMERA.pinhole)
 

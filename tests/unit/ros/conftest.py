@@ -38,7 +38,6 @@ if importlib.util.find_spec("gazebo_msgs") is None:
 
 
 def on_wire(message: Message) -> Message:
-    """Check that a message can be sent, and return it."""
     message.serialize(BytesIO())
     return message
 
@@ -127,7 +126,6 @@ class Graph:
         near.close()
 
     def set(self, name: str, value: object) -> None:
-        """Set a parameter, like rospy.set_param."""
         self.parameters[rospy.resolve_name(name)] = value
 
     def given(self, name: str, default: object = None) -> object:
@@ -146,8 +144,6 @@ class Graph:
         return below or default
 
     def proxy(self, name: str, kind: type, **options: object) -> Callable[..., object]:
-        """Return a service proxy, like rospy.ServiceProxy."""
-
         def ask(*args: object, **fields: object) -> object:
             self.proxies.append((name, kind, options))
             if rospy.resolve_name(name) not in self.services:
@@ -158,23 +154,19 @@ class Graph:
         return ask
 
     def getPid(self) -> int:
-        """Answer like the master's getPid."""
         return 7
 
     def getSystemState(self) -> tuple:
-        """Answer like the master's getSystemState."""
         if isinstance(self.published, Exception):
             raise self.published
         return self.published, [], []
 
     def lookupService(self, name: str) -> str:
-        """Answer like the master's lookupService."""
         if name not in self.services:
             raise rosgraph.MasterError(f"unknown service [{name}]")
         return "rosrpc://here:1"
 
     def getParam(self, name: str) -> object:
-        """Answer like the parameter server's getParam."""
         assert name.startswith("/")
         found = self.given(name)
         if found is None:
@@ -183,8 +175,6 @@ class Graph:
 
 
 class Connection:
-    """A subscriber's connection with the interface of rospy."""
-
     def __init__(self) -> None:
         self.endpoint_id = "/listener"
         self.socket, self.heard = socket.socketpair()
@@ -272,7 +262,6 @@ class Start:
             monkeypatch.setattr(place, name, value)
 
     def end(self, reason: str) -> None:
-        """End the node like rospy.signal_shutdown."""
         self.end_reasons.append(reason)
         self.down = True
         for hook in self.ending:
@@ -313,7 +302,6 @@ class Life(Start):
             self.down = True
 
     def thread(self, **given: object) -> SimpleNamespace:
-        """Replacement of threading.Thread; the test calls its function."""
         it = SimpleNamespace(**given, started=False)
         it.start = lambda: setattr(it, "started", True)
         self.threads.append(it)
@@ -327,19 +315,16 @@ class Life(Start):
 
 @pytest.fixture
 def start(graph: Graph, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Start:
-    """Start and end of the one node that the test runs."""
     return Start(graph, monkeypatch, tmp_path / "log")
 
 
 @pytest.fixture
 def life(graph: Graph, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Life:
-    """Life cycle of the one node that the test runs."""
     return Life(graph, monkeypatch, tmp_path / "log")
 
 
 @pytest.fixture
 def roslaunch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
-    """Function that makes a bash script the program `roslaunch`."""
     folder = tmp_path / "programs"
     folder.mkdir()
     monkeypatch.setenv("PATH", f"{folder}:{os.environ['PATH']}")
@@ -396,8 +381,6 @@ class TimedThread(SimulationThread):
 
 @pytest.fixture
 def thread() -> Iterator[TimedThread]:
-    """Thread of a simulation with only the ground, paused at time 0; each of `batch_hooks` is
-    called after a group of steps."""
     hooks: list[Callable[[int], None]] = []
     it = TimedThread(Simulation, TimedPacer(), paused=True,
                      after_batch=lambda time_ns: [hook(time_ns) for hook in hooks])
@@ -505,7 +488,6 @@ def hear_with(graph: Graph, shipped_arm: object) -> Callable[..., object]:
 
 @pytest.fixture(scope="session")
 def shipped_arm() -> object:
-    """Arm of the ARAS robot."""
     from aras_visual_servo_bench.experiment.robot_spec import RobotSpec
     from aras_visual_servo_bench.experiment.robots import Robot
 

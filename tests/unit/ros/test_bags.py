@@ -49,7 +49,6 @@ def image(stamp: float, number: int) -> Image:
 
 
 def transforms(stamp: float, parts: dict[tuple[str, str], tuple]) -> TFMessage:
-    """Return transforms of (parent, child) with position and rotation vector."""
     found = []
     for (parent, child), (place, turn) in parts.items():
         one = TransformStamped(child_frame_id=child, transform=Transform())
@@ -137,13 +136,11 @@ def test_a_bag_s_run_has_every_number_that_was_recorded(graph, face, tmp_path):
     states = [made_state(stamp) for stamp in STAMPS[1:]]  # the first was the way to the start
     same(run.stamp, np.round(STAMPS[1:], 9))
     assert run.outcome == "running" and run.scheme == "points" and run.names == NAMES
-    for name, wanted in (
-        ("features", [s.scheme_output.features for s in states]),
-        ("error", [s.error for s in states]),
-        ("filtered_error", [s.scheme_output.filtered_error for s in states]),
-        ("desired_twist", [s.desired_twist for s in states]),
-        ("achieved_twist", [s.achieved_twist for s in states]),
-    ):  # fmt: skip
+    for name, wanted in (("features", [s.scheme_output.features for s in states]),
+                         ("error", [s.error for s in states]),
+                         ("filtered_error", [s.scheme_output.filtered_error for s in states]),
+                         ("desired_twist", [s.desired_twist for s in states]),
+                         ("achieved_twist", [s.achieved_twist for s in states])):  # fmt: skip
         same(getattr(run, name), wanted)
     same([s.computation_time for s in run.states], [s.computation_time for s in states])
     stamp = np.arange(STAMPS[0] - 0.05, STAMPS[-1] + 0.02, 0.013)

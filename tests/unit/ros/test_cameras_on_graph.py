@@ -122,7 +122,6 @@ def test_image_and_info_of_one_instant(eye):
 
 @pytest.mark.parametrize(("given", "at"), [("", "/a/eye"), ("/", ""), ("/b/", "/b")])
 def test_topics_are_gazebo_s(graph, thread, given, at):
-    """Names are below the camera's, or global where they begin with '/'."""
     names = {"image": f"{given}far/image", "info": f"{given}far/info",
              "points": f"{given}far/points"}
     given = {**SETTINGS, "camera_name": "a/eye", "image_topic": f"{given}picture",
@@ -391,7 +390,6 @@ def test_settings_and_failure_of_compression(monkeypatch):
 
 
 def served(graph):
-    """Return the settings that dynamic_reconfigure's service answers."""
     answer = graph.call("/c/image/compressed/set_parameters", reconfigure.Config()).config
     kinds = answer.strs, answer.ints, answer.bools, answer.doubles
     return {one.name: one.value for kind in kinds for one in kind}
@@ -501,7 +499,6 @@ RIG = """<robot name="rig"><link name="world"/>
 
 
 def take_names(monkeypatch, start: str) -> None:
-    """Make the names of topics and services that begin so unavailable."""
     for name in ("Publisher", "Service"):
         make = getattr(rospy, name)
 

@@ -81,7 +81,6 @@ class Controllers:
         return self.graph.call(f"/rig/controller_manager/{name}", *args)
 
     def run(self, *names: str) -> list:
-        """Load and start controllers; returns them."""
         for name in names:
             assert self.call("load_controller", name).ok
         assert self.call("switch_controller", list(names), [], 2).ok
@@ -299,7 +298,6 @@ def test_gains_are_control_toolbox_s_and_on_the_graph_with_the_robot(rig):
 
 
 def test_a_controller_that_is_started_while_time_stands_holds_its_joint_where_it_is(rig):
-    """And not where it was before the last step."""
     rig.run("push")
     rig.graph.send("/rig/push/command", Float64(4.0))
     rig.step(100)
@@ -381,7 +379,6 @@ class ActionClient:
         return self.rig.graph.publishers[f"{self.name}/{what}"].sent
 
     def result(self, key: str) -> tuple:
-        """Return status, result and text of a goal that has ended."""
         (it,) = (one for one in self.sent("result") if one.status.goal_id.id == key)
         return it.status.status, it.result, it.status.text
 

@@ -173,20 +173,6 @@ def test_a_force_off_the_origin_turns(call, step, ball):
     assert twist.linear.x == pytest.approx(0.005, abs=1e-9)
 
 
-def test_a_force_acts_at_the_centre_of_mass_wherever_that_is_in_its_link(call, step):
-    """Half a metre beside the link's origin, across the force: it turns nothing."""
-    lopsided = """<robot name="ball"><link name="ball"><inertial><origin xyz="0.5 0 0"/>
-        <mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
-        </link></robot>"""
-    call("spawn_urdf_model", "ball", lopsided, "", Pose(Point(0.0, 0.0, 100.0), QUARTER), "")
-    call("apply_body_wrench", body_name="ball", duration=FOR_EVER,
-         wrench=Wrench(force=Vector3(1.0, 0.0, 0.0)))
-    step(10)
-    twist = velocity(call)
-    assert xyz(twist.angular) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
-    assert xyz(twist.linear)[:2] == pytest.approx((0.005, 0.0), abs=1e-9)
-
-
 def test_a_wrench_in_a_frame_acts_in_its_axes_and_at_its_place(call, step, another, ball):
     """The other's x is the world's x and it lies 1 m along y: 1 N along x turns by -1 N m."""
     another(Pose(Point(0.0, 1.0, 100.0), QUARTER))

@@ -100,7 +100,6 @@ def ticks(listener) -> list[int]:
 
 @pytest.fixture
 def make(graph, tmp_path, monkeypatch):
-    """Make a node with parameters; it is ended after the test."""
     made: list[GazeboNode] = []
 
     def make(**parameters: object) -> GazeboNode:
@@ -318,7 +317,6 @@ def test_lockstep_waits_for_its_topics_by_periods(make):
 
 @pytest.fixture
 def process(graph, start, monkeypatch):
-    """The node's process, which `start.end` ends like a signal."""
     monkeypatch.setattr(sys, "setswitchinterval", lambda interval: start.begun.append(interval))
     monkeypatch.setattr(rospy.rostime, "wallsleep", lambda _seconds: None)
     sleep, start.slept = time.sleep, []

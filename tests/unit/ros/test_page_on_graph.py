@@ -91,7 +91,6 @@ def test_pictures_are_heard_while_somebody_looks(graph):
 
 @pytest.fixture
 def world(graph):
-    """Models of a simulation, and the requests to it."""
     it = SimpleNamespace(models=["ground", "target", "two"], asked=[], success=True)
 
     def state(request):
@@ -236,8 +235,6 @@ def test_markers_are_published_for_who_looks_and_taken_away_again(graph, life, w
 
 
 class Wake:
-    """Replacement of threading.Event: waiting uses the node's time."""
-
     def __init__(self, life):
         self.life, self.up = life, False
 

@@ -64,7 +64,6 @@ class Program:
         rospy.Service(name, kind, service)
 
     def manager(self, namespace: str = "", **running: bool) -> None:
-        """Serve a manager with these controllers."""
         claims = [HardwareInterfaceResources(f"hw::{kind}", ["j"]) for kind in ("A", "A", "B")]
         found = [ControllerState(name, "running" if runs else "stopped", "t", claims)
                  for name, runs in running.items()]
@@ -75,7 +74,6 @@ class Program:
             self.serve(place, kind, **answers.get(name, {"ok": True}))
 
     def refuse(self, *names: str) -> None:
-        """Have these services of the manager answer that they failed."""
         for name, kind in SERVICES:
             if name in names:
                 self.serve(f"/controller_manager/{name}", kind, ok=False)
@@ -95,7 +93,6 @@ class Program:
         return status
 
     def end(self) -> None:
-        """End the program as with Ctrl-C."""
         self.start.end("Ctrl-C")
 
     def _wait(self, name: str, timeout: float | None = None) -> None:

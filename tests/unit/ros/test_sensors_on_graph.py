@@ -28,7 +28,6 @@ RIG = """<robot name="rig"><link name="arm"/><link name="hand"/>
 
 @pytest.fixture
 def sensor(thread):
-    """Factory: a sensor of this kind at the hand of a model named `rig`."""
     simulation = thread.simulation
     model = thread.call(lambda: simulation.spawn(parse_urdf(RIG), "rig"))
 

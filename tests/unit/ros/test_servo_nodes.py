@@ -377,8 +377,6 @@ def served(graph, start, face, hear_with, end_threads):
 
 
 class Client:
-    """Client of the action on the graph in memory."""
-
     def __init__(self, graph):
         self.graph = graph
 
@@ -393,7 +391,6 @@ class Client:
         return self.graph.publishers["/two/servo_to_target/feedback"].sent
 
     def result(self, key):
-        """Return status and result of a goal, once it has ended."""
         ended = self.graph.publishers["/two/servo_to_target/result"].sent
         it, = until(lambda: [one for one in ended if one.status.goal_id.id == key])
         return it.status.status, it.result

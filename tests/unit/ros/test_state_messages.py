@@ -19,7 +19,6 @@ from aras_visual_servo_controller.settings import ControllerSettings
 
 @pytest.fixture
 def clock(monkeypatch):
-    """Wall time, s, as it is set here."""
     now = [100.0]
     monkeypatch.setattr("time.monotonic", lambda: now[0])
     return now

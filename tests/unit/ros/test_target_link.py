@@ -26,7 +26,6 @@ WORLD = f"""<sdf version="1.6"><world name="a"><model name="crate">
 
 @pytest.fixture
 def asked(tmp_path, monkeypatch, capsys):
-    """Function that runs the program without a master; it returns status and output."""
     monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:1")
     monkeypatch.setattr(target_link.tempfile, "tempdir", str(tmp_path))
     (tmp_path / "a.world").write_text(WORLD)

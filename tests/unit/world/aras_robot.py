@@ -23,12 +23,10 @@ URDF = (ROBOT / "robots/aras_visual_servo.urdf").read_text()
 
 
 def description(text=URDF):
-    """Return the URDF, with meshes from the source tree."""
     return parse_urdf(text, lambda package: str(SOURCES / package))
 
 
 def parameters():
-    """Return the parameters below /aras_visual_servo."""
     tree = yaml.safe_load((ROBOT / "config/aras_visual_servo_control.yaml").read_text())
     return tree.get("aras_visual_servo", tree)
 
@@ -50,7 +48,6 @@ class ArasRobot:
         robot.start(["joint_state_controller", *CONTROLLERS.values()])
 
     def command(self, pose):
-        """Send position commands, rad or m, in the order of CONTROLLERS."""
         for controller, position in zip(CONTROLLERS.values(), pose, strict=True):
             self.manager.get(controller).set_command(position)
 

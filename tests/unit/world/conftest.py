@@ -20,11 +20,9 @@ def link_xml(name: str, mass: float = 1.0, com: str = "0 0 0",
              inertia: tuple = (0.1, 0.1, 0.1, 0.0, 0.0, 0.0), shapes: str = "") -> str:
     """Return a <link>; inertia is (ixx, iyy, izz, ixy, ixz, iyz)."""
     ixx, iyy, izz, ixy, ixz, iyz = inertia
-    return (
-        f'<link name="{name}"><inertial><origin xyz="{com}"/><mass value="{mass}"/>'
-        f'<inertia ixx="{ixx}" iyy="{iyy}" izz="{izz}" ixy="{ixy}" ixz="{ixz}" iyz="{iyz}"/>'
-        f"</inertial>{shapes}</link>"
-    )
+    return (f'<link name="{name}"><inertial><origin xyz="{com}"/><mass value="{mass}"/>'
+            f'<inertia ixx="{ixx}" iyy="{iyy}" izz="{izz}" ixy="{ixy}" ixz="{ixz}" iyz="{iyz}"/>'
+            f"</inertial>{shapes}</link>")
 
 
 def joint_xml(name: str, parent: str, child: str, kind: str = "revolute", xyz: str = "0 0 0",
@@ -35,10 +33,8 @@ def joint_xml(name: str, parent: str, child: str, kind: str = "revolute", xyz: s
         f'<axis xyz="{axis}"/><limit lower="{lower}" upper="{upper}" effort="{effort}" '
         f'velocity="100"/><dynamics damping="{damping}" friction="{friction}"/>'
     )
-    return (
-        f'<joint name="{name}" type="{kind}"><origin xyz="{xyz}" rpy="{rpy}"/>'
-        f'<parent link="{parent}"/><child link="{child}"/>{inside}{extra}</joint>'
-    )
+    return (f'<joint name="{name}" type="{kind}"><origin xyz="{xyz}" rpy="{rpy}"/>'
+            f'<parent link="{parent}"/><child link="{child}"/>{inside}{extra}</joint>')
 
 
 def box_xml(size: str, origin: str = "0 0 0", collide: bool = True) -> str:

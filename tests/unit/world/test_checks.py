@@ -20,7 +20,6 @@ def chain(make, links, kind="fixed"):
 
 
 def box(make, **changes):
-    """A box; changes of its link."""
     description = parse_urdf(make.robot(make.link("box", shapes=make.box("1 1 1"))))
     link = replace(description.links["box"], **changes)
     return replace(description, links=MappingProxyType({"box": link}))

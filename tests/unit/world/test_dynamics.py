@@ -13,7 +13,6 @@ from aras_sim_bridge.world import Pose, World
 
 
 def spawn(world, xml, **options):
-    """A model named 'm'."""
     return world.spawn(parse_urdf(xml), "m", **options)
 
 

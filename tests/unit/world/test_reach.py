@@ -7,14 +7,8 @@ import pytest
 from test_joint_dynamics import tree_xml
 
 from aras_sim_bridge.description import parse_urdf
-from aras_sim_bridge.world import Pose
+from aras_sim_bridge.world import Pose, collision_filters
 from aras_sim_bridge.world import collision_filters as reach
-from aras_sim_bridge.world.collision_filters import (
-    BoundingBox,
-    HalfSpace,
-    compute_reach,
-    find_solids,
-)
 
 HULL = 2e-3  # m: Bullet's margins around shapes
 ROOT = Pose.from_rpy((1.0, -2.0, 3.0), (0.4, -0.3, 2.0))
@@ -32,7 +26,7 @@ def test_no_link_ever_leaves_its_box(world, make, seed):
     text = tree_xml(make, seed).replace("</inertial></link>", f"</inertial>{shape}</link>")
     rng = np.random.default_rng(seed)
     model = world.spawn(parse_urdf(text.replace("10.0", "0.6")), "m", ROOT)
-    boxes = compute_reach(model)
+    boxes = collision_filters.compute_reach(model)
     assert set(boxes) == set(model.link_names) - {"world"}
     for _ in range(40):
         model.set_joint_positions({j: rng.uniform(-0.6, 0.6) for j in model.joint_names})
@@ -53,7 +47,7 @@ def test_a_box_holds_what_a_slide_and_a_turn_allow_and_no_more(world, make):
         make.joint("turn", "arm", "bare", "continuous", "0 0.4 0", "0 0 1"),
         make.joint("boom", "bare", "tip", "prismatic", "0.2 0 0", "1 0 0", -0.4, 0.3))
     model = world.spawn(parse_urdf(text), "m", ROOT)
-    boxes = compute_reach(model)
+    boxes = collision_filters.compute_reach(model)
     assert set(boxes) == {"arm", "tip"}
     ends = []
     for q in (-0.5, 1.5):
@@ -71,9 +65,10 @@ def test_a_box_holds_what_a_slide_and_a_turn_allow_and_no_more(world, make):
 
 
 def test_gaps_between_boxes_and_above_slopes():
-    box, other = BoundingBox((1, 2, 3), (1.5, 4, 3.2)), BoundingBox((-1, 0, 3.1), (0.7, 3, 9))
+    box = collision_filters.BoundingBox((1, 2, 3), (1.5, 4, 3.2))
+    other = collision_filters.BoundingBox((-1, 0, 3.1), (0.7, 3, 9))
     assert box.gap(other) == pytest.approx(0.3) and other.gap(box) == pytest.approx(0.3)
-    slope = HalfSpace((0.0, 0.0, 1.0), (0.6, 0.0, -0.8))
+    slope = collision_filters.HalfSpace((0.0, 0.0, 1.0), (0.6, 0.0, -0.8))
     assert slope.gap(box) == pytest.approx(0.6 * 1.0 - 0.8 * (3.2 - 1.0))
 
 
@@ -88,11 +83,11 @@ def test_solids_are_the_shapes_of_the_links_that_are_asked_for(world, make):
         make.joint("more", "arm", "bare", "continuous", "0 0 2"))
     model = world.spawn(parse_urdf(text), "m", Pose.from_rpy((1.0, 2.0, 3.0), (0, 0, 0.7)))
     index = model.link_indices
-    (half,) = find_solids(model, [-1, index["bare"]])
+    (half,) = collision_filters.find_solids(model, [-1, index["bare"]])
     assert half.point == pytest.approx((1.0, 2.0, 3.5))
     assert half.normal == pytest.approx(
         (-math.sin(0.7) * math.cos(0.3), math.cos(0.7) * math.cos(0.3), math.sin(0.3)))
-    (arm,) = find_solids(model, [index["arm"]])
+    (arm,) = collision_filters.find_solids(model, [index["arm"]])
     c, s = math.cos(0.7), math.sin(0.7)
     half = (0.1 * c + 0.2 * s, 0.1 * s + 0.2 * c, 0.3)
     assert arm.low == pytest.approx(np.subtract((1, 2, 5), half), abs=2 * HULL)
@@ -112,6 +107,7 @@ def test_what_may_meet_touches_a_root_or_what_another_s_joints_reach(world, make
         (post, (3.0, 5.0, 0.0), False), (groove, (-3.0, 0.0, 1.1), True),
         (groove, (3.0, 0.0, 1.1), True), (groove, (0.0, 0.0, 1.1), False)):
         model = world.spawn(parse_urdf(text), "m")
-        box = BoundingBox(tuple(v - 0.1 for v in at), tuple(v + 0.1 for v in at))
-        assert reach.can_meet([BoundingBox((9, 9, 99), (9, 9, 99)), box], model) is ever
+        box = collision_filters.BoundingBox(tuple(v - 0.1 for v in at), tuple(v + 0.1 for v in at))
+        far = collision_filters.BoundingBox((9, 9, 99), (9, 9, 99))
+        assert reach.can_meet([far, box], model) is ever
         world.delete("m")

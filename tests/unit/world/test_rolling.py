@@ -9,10 +9,8 @@ from aras_sim_bridge.world import Pose, Twist, World
 
 G = 9.8
 RADIUS, LENGTH, MASS = 0.05, 0.12, 1.5
-SHAPES = {
-    "cylinder": f'<cylinder radius="{RADIUS}" length="{LENGTH}"/>',
-    "capsule": f'<capsule radius="{RADIUS}" length="{LENGTH}"/>',
-}
+SHAPES = {"cylinder": f'<cylinder radius="{RADIUS}" length="{LENGTH}"/>',
+          "capsule": f'<capsule radius="{RADIUS}" length="{LENGTH}"/>'}
 MOMENTS = (0.003, 0.003, 0.0011)
 
 

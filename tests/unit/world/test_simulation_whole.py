@@ -21,10 +21,8 @@ from aras_sim_bridge.simulation import Simulation, SimulationConfig
 EYE = {"parent": "world", "width": 8, "height": 6, "update_rate": 50.0, "pose": [0.0] * 6}
 AMBIENT = (0.1, 0.2, 0.2, 0.9)
 SCENE = SceneSettings((0.2, 0.2, 0.2, 0.9), (0.1, 0.2, 0.3, 1.0), True, "none")
-INERTIAL = (
-    '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
-    "</inertial>"
-)
+INERTIAL = ('<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+            "</inertial>")
 CONTROL = '<gazebo><plugin name="c" filename="libgazebo_ros_control.so"/></gazebo>'
 ROBOT = f'<robot name="r"><link name="base">{INERTIAL}</link>{{}}</robot>'
 POSE = """<gazebo><plugin name="{0}" filename="libgazebo_ros_p3d.so"><bodyName>base</bodyName>

@@ -5,13 +5,8 @@ import math
 import pybullet
 import pytest
 
+from aras_sim_bridge import errors
 from aras_sim_bridge.description import Geometry, parse_urdf
-from aras_sim_bridge.errors import (
-    UnknownJointError,
-    UnknownLinkError,
-    UnknownModelError,
-    WorldError,
-)
 from aras_sim_bridge.world import Pose, Twist, World
 from aras_sim_bridge.world.labels import list_links_by_label
 
@@ -87,7 +82,7 @@ def test_the_ground_plane_is_gazebo_s(world):
 def test_bad_spawns_are_refused_and_leave_the_world_alone(world, make, arguments, text):
     description = parse_urdf(make.pendulum())
     world.spawn(description, "taken")
-    with pytest.raises(WorldError, match=text):
+    with pytest.raises(errors.WorldError, match=text):
         world.spawn(description, **{"name": "m", **arguments})
     assert list(world.models) == ["taken"]
 
@@ -103,7 +98,7 @@ def test_what_bullet_does_not_take_whole_is_refused(world, make, monkeypatch, na
         return told
 
     monkeypatch.setattr(pybullet, name, answer)
-    with pytest.raises(WorldError, match=message):
+    with pytest.raises(errors.WorldError, match=message):
         world.spawn(parse_urdf(make.pendulum()), "m")
     assert not world.models and not pybullet.getNumBodies(physicsClientId=world.client)
 
@@ -125,9 +120,9 @@ def test_steps_gravity_and_sweeps_are_taken_up_to_their_bounds(name, reason, goo
                      "gravity": tuple(asked[f"gravityAcceleration{axis}"] for axis in "XYZ")}
             assert found[name] == value
         for value in bad:
-            with pytest.raises(WorldError, match=reason):
+            with pytest.raises(errors.WorldError, match=reason):
                 world.set_physics(**{name: value})
-            with pytest.raises(WorldError, match=reason):
+            with pytest.raises(errors.WorldError, match=reason):
                 World(**{name: value})
         assert getattr(world, name) == good[-1]
 
@@ -136,12 +131,10 @@ def test_without_a_client_or_a_window_no_world_starts(window, monkeypatch):
     def no_window(mode):
         raise pybullet.error("no display")
 
-    for answer, message in (
-        (lambda mode: -1, "Bullet does not start"),
-        (no_window, r"cannot open its window \(no display\); .* gui:=false"),
-    ):
+    for answer, message in ((lambda mode: -1, "Bullet does not start"),
+                            (no_window, r"cannot open its window \(no display\); .* gui:=false")):
         monkeypatch.setattr(pybullet, "connect", answer)
-        with pytest.raises(WorldError, match=message):
+        with pytest.raises(errors.WorldError, match=message):
             World(gui=True)
 
 
@@ -183,11 +176,12 @@ def test_joints_that_mimic_begin_where_their_leaders_do(world, make):
 def test_unknown_names_carry_what_there_is(world, make):
     model = world.spawn(parse_urdf(make.pendulum()), "swing")
     for kind, call, expected in (
-        (UnknownJointError, lambda: model.apply_effort("elbow", 1.0),
+        (errors.UnknownJointError, lambda: model.apply_effort("elbow", 1.0),
          {"model": "swing", "joint": "elbow", "available": ("swing",)}),
-        (UnknownLinkError, lambda: model.link_pose("hand"),
+        (errors.UnknownLinkError, lambda: model.link_pose("hand"),
          {"link": "hand", "available": ("world", "bob")}),
-        (UnknownModelError, lambda: world.model("arm"), {"name": "arm", "available": ("swing",)})):
+        (errors.UnknownModelError, lambda: world.model("arm"),
+         {"name": "arm", "available": ("swing",)})):
         with pytest.raises(kind) as caught:
             call()
         assert expected.items() <= vars(caught.value).items()

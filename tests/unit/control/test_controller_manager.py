@@ -70,7 +70,7 @@ def switch(rig, start=(), stop=(), strictness=STRICT, **more):
 
 
 class TestLoading:
-    def test_order_states_and_claims(self, rig):
+    def test_order_states_and_claims_and_what_cannot_be_loaded(self, rig):
         load(rig, "jsc", "ab", "a1")
         found = [(i.name, i.state, i.type, claim.hardware_interface, claim.resources)
                  for i in rig.manager.list() for claim in i.controller.claimed_resources]
@@ -80,16 +80,13 @@ class TestLoading:
              "hardware_interface::JointStateInterface", ()),
             ("ab", "initialized", PARAMETERS["ab"]["type"], effort, ("a", "b")),
             ("a1", "initialized", EFFORT, effort, ("a",))]
-
-    def test_what_cannot_be_loaded_leaves_nothing_behind(self, rig):
-        load(rig, "a1")
         for name, text in (
             ("a1", "already loaded"), ("nobody", "/robot/nobody/type is missing"),
             ("", "type is missing"), ("r_init", "RuntimeError: no luck"),
             ("q_init", "SystemExit: enough")):
             with pytest.raises(ControllerError, match=text):
                 rig.manager.load(name)
-        assert list(states(rig)) == ["a1"]
+        assert list(states(rig)) == ["jsc", "ab", "a1"]
 
     def test_unloading_and_reloading_refuse_what_runs_unless_forced(self, rig):
         load(rig, "a1")

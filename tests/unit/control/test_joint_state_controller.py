@@ -43,7 +43,7 @@ def test_order_is_by_name_in_byte_order(make):
         [0.3, 0.2, 0.1], [0.6, 0.5, 0.4], [0.9, 0.8, 0.7])
 
 
-def test_the_rhythm_counts_from_the_start_over_restarts_and_clocks_set_back(make):
+def test_the_rhythm_and_the_average_rate(make):
     rig = make()
     states = states_of(rig)
     rig.step(5)
@@ -59,9 +59,6 @@ def test_the_rhythm_counts_from_the_start_over_restarts_and_clocks_set_back(make
     rig.loop.reset()
     rig.step(11)
     assert [s.stamp_ns for s in states] == [1_000_000, 11_000_000]
-
-
-def test_average_rate_is_exact_where_it_does_not_divide_the_step(make):
     rig = make(publish_rate=300)
     states = states_of(rig)
     rig.step(1000)

@@ -155,13 +155,10 @@ def test_steps_are_made_one_by_one_for_commands_unless_these_are_a_flood(flood, 
     assert plan.groups == groups
 
 
-def test_steps_are_made_one_by_one_for_so_long_after_a_command():
+def test_steps_after_a_command_and_a_clock_set_back():
     plan = Plan(*7 * [1])
     run(plan, Commands(lambda time_ns: time_ns == 0))
     assert plan.groups == [4, 1, 1, 1, 1, 4, 4, 4]
-
-
-def test_what_came_before_time_was_set_back_is_forgotten():
     made = Empty()
     made.time_ns = 100 * MS
 

@@ -101,7 +101,7 @@ class TestPosition:
             False))
 
 
-def test_effort_velocity_controller(make):
+def test_velocity_and_group_position_controllers_of_efforts(make):
     rig = make("effort_controllers/JointVelocityController", limits="none", joint="a", pid=PID)
     rig.model.v[0] = 1.0
     controller, states = rig.run("c"), []
@@ -114,6 +114,17 @@ def test_effort_velocity_controller(make):
     assert astuple(states[-1])[:7] == (12_000_000, 3.0, 1.0, 0.0, 2.0, 1e-3, 20.0)
     rig.step(24)
     assert len(states) == 4  # of updates 0, 10, 20 and 30
+    rig = make("effort_controllers/JointGroupPositionController", joints=["b", "a"],
+               a={"pid": {"p": 10.0}}, b={"pid": {"p": 20.0}})
+    rig.model.q[:] = [0.5, 0.25]
+    controller = rig.run("c")
+    rig.step()
+    assert rig.model.tau == [0.0, 0.0]
+    controller.set_command([1.25, 9.0])
+    rig.step()
+    assert rig.model.tau == pytest.approx([10 * 1.5, 20 * 1.0])
+    assert set(controller.pids) == {"a/pid", "b/pid"}
+    assert controller.state_kind is None
 
 
 @pytest.mark.parametrize(("output", "single", "at_start"), [
@@ -139,18 +150,4 @@ def test_forward_controllers(make, output, single, at_start, group):
             controller.set_command(bad)
     assert commands() == ([99.0, 0.75] if group else [99.0])
     assert controller.claimed_resources[0].resources == (("a", "b") if group else ("b",))
-    assert controller.state_kind is None
-
-
-def test_group_position_controller_for_efforts(make):
-    rig = make("effort_controllers/JointGroupPositionController", joints=["b", "a"],
-               a={"pid": {"p": 10.0}}, b={"pid": {"p": 20.0}})
-    rig.model.q[:] = [0.5, 0.25]
-    controller = rig.run("c")
-    rig.step()
-    assert rig.model.tau == [0.0, 0.0]
-    controller.set_command([1.25, 9.0])
-    rig.step()
-    assert rig.model.tau == pytest.approx([10 * 1.5, 20 * 1.0])
-    assert set(controller.pids) == {"a/pid", "b/pid"}
     assert controller.state_kind is None

@@ -84,16 +84,7 @@ class TestFollowing:
         b.after(2.0)
         assert (b.q("a"), b.q("b")) == (0.25, 0.75)
 
-    def test_all_of_the_present_one_is_done_until_then(self, bench):
-        b = bench()
-        points = [point(0.2, [0.2]), point(0.4, [0.6]), point(1.0, [1.2])]
-        b.controller.set_command(Trajectory(["a"], points))
-        b.rig.step(1)
-        b.controller.set_command(line(0.0, 0.5, stamp_ns=b.rig.time_ns + 7 * S // 10))
-        assert [b.after(0.1) for _ in range(8)] == pytest.approx(
-            [0.1, 0.2, 0.4, 0.6, 0.7, 0.8, 0.9, 0.72])
-
-    def test_points_in_the_past_are_dropped(self, bench):
+    def test_points_in_the_past_are_dropped_and_a_present_one_is_finished(self, bench):
         b, states = bench(), []
         points = [point(0.1, [9.0]), point(0.2, [8.0]), point(1.02, [1.0]), point(2.02, [2.0])]
         b.controller.set_command(Trajectory(["a"], points, b.rig.time_ns - S // 2))
@@ -110,6 +101,13 @@ class TestFollowing:
         assert b.after(0.51) == pytest.approx(0.9)
         b.controller.set_command(Trajectory(["a"], points, b.rig.time_ns - STEP))  # as it was meant
         assert "1 of 2 trajectory points are in the past" in b.rig.log[0]
+        b = bench()
+        points = [point(0.2, [0.2]), point(0.4, [0.6]), point(1.0, [1.2])]
+        b.controller.set_command(Trajectory(["a"], points))
+        b.rig.step(1)
+        b.controller.set_command(line(0.0, 0.5, stamp_ns=b.rig.time_ns + 7 * S // 10))
+        assert [b.after(0.1) for _ in range(8)] == pytest.approx(
+            [0.1, 0.2, 0.4, 0.6, 0.7, 0.8, 0.9, 0.72])
 
     @pytest.mark.parametrize(("kind", "shift"), [("continuous", 2 * pi), ("revolute", 0.0)])
     def test_continuous_joints_take_the_short_way_with_all_points_shifted(self, bench, kind, shift):

@@ -229,14 +229,11 @@ def test_what_gazebo_s_parser_forgives_is_repaired_and_named(text, sentence):
     assert made.initial_pose[0] == ((1, 2, 3) if "pose" in text else (0, 0, 0))
 
 
-def test_poses_in_degrees_and_quaternions_are_converted():
+def test_poses_in_other_units_and_in_states():
     made = model("<pose degrees='true'>1 2 3 0 0 90</pose>" + link("a", "0 0 0 0 0 0")
                  + "<link name='b'><pose rotation_format='quat_xyzw'>1 0 0 0 0 2 2</pose></link>")
     assert made.initial_pose[1] == pytest.approx((0, 0, math.pi / 2))
     assert made.parts[0].initial_pose[1] == pytest.approx((0, 0, math.pi / 2))
-
-
-def test_states_place_the_free_bodies_of_a_model():
     content = read_sdf(
         "<sdf version='1.6'><world name='w'><model name='m'>"
         + link("a") + link("b", "1 0 0 0 0 0")

@@ -52,7 +52,7 @@ def test_a_camera_s_numbers_at_their_bounds(kind, widest):
         camera("<clip><near>2</near><far>2</far></clip>", kind=kind)
 
 
-def test_a_camera_s_plugin():
+def test_the_plugin_and_the_lens_of_a_camera():
     names = {"robotNamespace": "/n", "cameraName": "c", "imageTopicName": "i",
              "cameraInfoTopicName": "j", "frameName": "f", "updateRate": "1",
              "hackBaseline": ".07", "Cx": "2", "Cy": "3", "focalLength": "4",
@@ -66,9 +66,6 @@ def test_a_camera_s_plugin():
     assert CameraPlugin().image_topic == "image_raw" and CameraPlugin().info_topic == "camera_info"
     assert camera(sensor="<plugin filename='libother.so'/>").plugin is None
     assert camera(sensor="<plugin filename='libgazebo_ros_openni_kinect.so'/>").plugin is not None
-
-
-def test_a_lens():
     made = camera("<lens><type>equidistant</type><scale_to_hfov>false</scale_to_hfov>"
                   "<cutoff_angle>1.2</cutoff_angle></lens>", kind="wideanglecamera")
     assert made.lens == LensDescription("equidistant", False, 1.2)

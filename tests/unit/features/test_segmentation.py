@@ -57,17 +57,6 @@ def test_adaptive_thresholds_and_bright_targets():
         assert segment(grey, SegmentationSettings(method, dark_target=False)).box == BIG
 
 
-def test_colour_range_may_run_through_red() -> None:
-    rgb = np.full((60, 80, 3), 255, np.uint8)
-    rgb[10:20, 10:30] = (230, 10, 25)
-    rgb[40:50, 10:30] = (10, 10, 230)
-    settings = SegmentationSettings("colour", colour_low=(170, 100, 50), colour_high=(10, 255, 255))
-    target = segment(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), settings, rgb)
-    assert target.box == (10, 10, 20, 10) and target.threshold == -1.0
-    with pytest.raises(SegmentationError, match="needs a colour image"):
-        segment(rgb[..., 0], settings)
-
-
 def test_choice_of_the_component() -> None:
     """A speck is none."""
     grey = scene(BIG, SMALL)
@@ -141,7 +130,7 @@ def shaded(box: tuple[int, int, int, int], times: float, ground: np.ndarray | fl
     return grey
 
 
-def test_a_label_is_the_target_whatever_its_grey_and_however_many_its_pieces() -> None:
+def test_a_label_or_a_colour_is_the_target():
     grey = shaded(BIG, 1.0, 105.0).astype(np.uint8)  # in its middle as light as the ground
     labelled = np.zeros((60, 80), np.uint8)
     labelled[20:35, 40:60] = labelled[5:9, 3:9] = 255
@@ -152,6 +141,14 @@ def test_a_label_is_the_target_whatever_its_grey_and_however_many_its_pieces() -
         segment(grey, SegmentationSettings("label"))
     lost = segment(grey, SegmentationSettings("label", label="box"), target_mask=0 * labelled)
     assert lost.reason == "the link 'box' (setting `label`) is not in view"
+    rgb = np.full((60, 80, 3), 255, np.uint8)
+    rgb[10:20, 10:30] = (230, 10, 25)
+    rgb[40:50, 10:30] = (10, 10, 230)
+    settings = SegmentationSettings("colour", colour_low=(170, 100, 50), colour_high=(10, 255, 255))
+    target = segment(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), settings, rgb)
+    assert target.box == (10, 10, 20, 10) and target.threshold == -1.0
+    with pytest.raises(SegmentationError, match="needs a colour image"):
+        segment(rgb[..., 0], settings)
 
 
 def test_a_shaded_targets_edge_pixels_are_divided_by_the_levels_around_them() -> None:

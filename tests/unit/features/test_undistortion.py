@@ -89,7 +89,7 @@ def test_a_small_target_far_from_the_axis(centre: tuple[float, float]) -> None:
         assert moments.mu(i, j) / moments.m00 == pytest.approx(spread, rel=0.015)
 
 
-def test_equal_cameras_share_read_only_tables_and_others_do_not() -> None:
+def test_tables_of_equal_cameras_and_points_of_edges():
     again, other = replace(TANGENTIAL), replace(TANGENTIAL, width=319)
     assert again is not TANGENTIAL and again.tables is TANGENTIAL.tables
     assert other.tables.x.shape == (240, 319)
@@ -97,6 +97,10 @@ def test_equal_cameras_share_read_only_tables_and_others_do_not() -> None:
         again.tables.area[0, 0] = 1.0
     one = CameraModel(1, 1, (0.5, 0, 0, 0, 0.5, 0, 0, 0, 1), (0.0,) * 4, "equidistant")
     assert one.tables.area.shape == (1, 1)
+    corners = np.array([[0.0, 0.0], [1.0, 0.5], [0.2, 2.0]])
+    along = np.arange(12) / 4.0
+    expected = [np.interp(along, range(4), [*column, column[0]]) for column in corners.T]
+    np.testing.assert_allclose(subdivide(corners, 4), np.transpose(expected), atol=1e-12)
 
 
 def test_jacobian_of_the_polynomial_by_finite_differences() -> None:
@@ -192,10 +196,3 @@ def test_numbers_of_coefficients(model: str, counts: tuple[int, ...]) -> None:
 def test_unusable_camera_info_is_refused(changes, text: str) -> None:
     with pytest.raises(InvalidIntrinsicsError, match=text):
         CameraModel.from_message(info(**changes))
-
-
-def test_edges_of_an_outline_are_divided_evenly_from_each_corner() -> None:
-    corners = np.array([[0.0, 0.0], [1.0, 0.5], [0.2, 2.0]])
-    along = np.arange(12) / 4.0
-    expected = [np.interp(along, range(4), [*column, column[0]]) for column in corners.T]
-    np.testing.assert_allclose(subdivide(corners, 4), np.transpose(expected), atol=1e-12)

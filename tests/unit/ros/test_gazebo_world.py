@@ -59,15 +59,6 @@ def test_a_light_is_spawned_where_it_is_asked_for(api, call, ball):
     assert "exists already" in answer.status_message
 
 
-def test_settings_of_no_camera_are_said_when_a_robot_with_cameras_comes(api, call):
-    api.graph.set("~cameras/nobody/width", 3)
-    camera = """<gazebo reference="l"><sensor type="camera" name="c"><camera><image>
-      <width>8</width><height>6</height></image></camera></sensor></gazebo>"""
-    call("spawn_urdf_model", "m", f'<robot name="m"><link name="l"/>{camera}</robot>', "", Pose(),
-         "")
-    assert any("/nobody belong to no camera" in line for line in api.graph.lines)
-
-
 @pytest.mark.parametrize(("own", "requested", "namespace"), [
     ([], "/a/b/", "/a/b"), ([], "", ""), ([], "/", ""), (["", "mine/"], "/a", "/mine"),
     (["mine", "his"], "", "/mine")])
@@ -81,10 +72,16 @@ def test_controllers_are_in_the_namespace_of_the_plugin_or_of_the_request(
     assert find_namespace(description, requested) == namespace
 
 
-def test_the_longest_name_is_taken_and_a_spawn_has_a_minute(api, call):
+def test_names_time_limits_and_settings_of_a_spawn(api, call):
     comment = BALL.replace("<robot", "<!-- package://nowhere --><robot")
     call("spawn_urdf_model", "x" * 256, comment, "", Pose(), "")
     assert api.thread.limits == [60.0]
+    api.graph.set("~cameras/nobody/width", 3)
+    camera = """<gazebo reference="l"><sensor type="camera" name="c"><camera><image>
+      <width>8</width><height>6</height></image></camera></sensor></gazebo>"""
+    call("spawn_urdf_model", "m", f'<robot name="m"><link name="l"/>{camera}</robot>', "", Pose(),
+         "")
+    assert any("/nobody belong to no camera" in line for line in api.graph.lines)
 
 
 def test_a_model_comes_with_what_it_says(api, call, ball):
@@ -170,7 +167,29 @@ def test_fields_of_physics_are_gazebo_ros_s():
     assert all(field.level == 1 for field in PHYSICS_FIELDS)
 
 
-def test_all_of_physics_is_told_as_it_is_and_as_it_was_set(api, call):
+def test_the_update_rate_is_the_pace_by_the_step(graph):
+    thread = SimulationThread(lambda: Simulation(SimulationConfig(time_step=0.002)), Pacer(0.5),
+                              paused=True)
+    thread.start()
+    try:
+        physics = PhysicsProperties("/gazebo", thread)
+        told = physics.get_physics_properties(thread.simulation, None)
+        assert told["max_update_rate"] == pytest.approx(250.0)
+    finally:
+        thread.stop()
+
+
+def test_physics_by_reconfigure_in_part_and_in_full(api, call):
+    config = Config(doubles=[DoubleParameter("gravity_z", -5.0), DoubleParameter("time_step", 99)],
+                    ints=[IntParameter("sor_pgs_iters", 7)])
+    answer = api.graph.call("/gazebo/set_parameters", config).config
+    # 10 s is the field's limit and too long for the world: nothing was changed.
+    assert {d.name: d.value for d in answer.doubles}["gravity_z"] == -9.8
+    config.doubles.pop()
+    api.graph.call("/gazebo/set_parameters", config)
+    physics = call("get_physics_properties")
+    assert (physics.gravity.z, physics.ode_config.sor_pgs_iters) == (-5.0, 7)
+    assert (physics.time_step, physics.max_update_rate) == (0.001, 0.0)
     at_first = call("get_physics_properties").ode_config
     assert at_first == ODEPhysics(False, 0, api.thread.simulation.world.solver_iterations, 1.3, 0.0,
                                   0.001, 100.0, 0.0, 0.2, 20)
@@ -190,31 +209,6 @@ def test_all_of_physics_is_told_as_it_is_and_as_it_was_set(api, call):
     assert (told.time_step, told.max_update_rate, *xyz(told.gravity)) == (0.002, 70.0, 1, 2, 3)
     kept = {**wanted, **whole, "auto_disable_bodies": True}
     assert {name: api.graph.parameters[f"/gazebo/{name}"] for name in kept} == kept
-
-
-def test_the_update_rate_is_the_pace_by_the_step(graph):
-    thread = SimulationThread(lambda: Simulation(SimulationConfig(time_step=0.002)), Pacer(0.5),
-                              paused=True)
-    thread.start()
-    try:
-        physics = PhysicsProperties("/gazebo", thread)
-        told = physics.get_physics_properties(thread.simulation, None)
-        assert told["max_update_rate"] == pytest.approx(250.0)
-    finally:
-        thread.stop()
-
-
-def test_physics_by_reconfigure_is_the_same(api, call):
-    config = Config(doubles=[DoubleParameter("gravity_z", -5.0), DoubleParameter("time_step", 99)],
-                    ints=[IntParameter("sor_pgs_iters", 7)])
-    answer = api.graph.call("/gazebo/set_parameters", config).config
-    # 10 s is the field's limit and too long for the world: nothing was changed.
-    assert {d.name: d.value for d in answer.doubles}["gravity_z"] == -9.8
-    config.doubles.pop()
-    api.graph.call("/gazebo/set_parameters", config)
-    physics = call("get_physics_properties")
-    assert (physics.gravity.z, physics.ode_config.sor_pgs_iters) == (-5.0, 7)
-    assert (physics.time_step, physics.max_update_rate) == (0.001, 0.0)
 
 
 def test_states_are_published_while_somebody_listens(api, call, step, slider, ball):

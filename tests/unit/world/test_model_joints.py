@@ -82,16 +82,7 @@ def test_what_is_no_number_or_no_joint_changes_nothing(model, bad):
     assert values(model) == before
 
 
-def test_a_motor_holds_a_speed_up_to_its_effort_and_can_be_taken_away(model):
-    model.set_velocity_motor("turn", 1.0, math.inf)
-    model.step()
-    assert model.read_joints()[1][0] == pytest.approx(1.0, rel=1e-6)
-    model.set_velocity_motor("turn", -5.0, 0.0)  # which is none
-    model.step()
-    assert model.read_joints()[1][0] == pytest.approx(1.0, rel=1e-4)
-
-
-def test_efforts_add_up_for_one_step(model):
+def test_efforts_add_up_and_motors_hold_a_speed_up_to_their_effort(model):
     for joint, effort in (("turn", 3.0), ("turn", -1.0), ("slide", 4.0)):
         model.apply_effort(joint, effort)
     assert model.read_joints()[2] == [0.0] * 3
@@ -102,6 +93,12 @@ def test_efforts_add_up_for_one_step(model):
     model.step()
     assert model.read_joints()[2] == [0.0] * 3
     assert model.read_joints()[1] == pytest.approx(first, rel=0.01)
+    model.set_velocity_motor("turn", 1.0, math.inf)
+    model.step()
+    assert model.read_joints()[1][0] == pytest.approx(1.0, rel=1e-6)
+    model.set_velocity_motor("turn", -5.0, 0.0)  # which is none
+    model.step()
+    assert model.read_joints()[1][0] == pytest.approx(1.0, rel=1e-4)
 
 
 def test_stops_are_as_strong_as_it_takes_whatever_effort_the_file_allows(model):

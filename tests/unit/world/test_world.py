@@ -13,7 +13,7 @@ from aras_sim_bridge.world.labels import list_links_by_label
 G = 9.8
 
 
-def test_reset_simulation_restores_spawns_and_their_configurations(world, make):
+def test_resets_of_the_simulation_and_of_the_world(world, make):
     model = world.spawn(parse_urdf(make.pendulum()), "m", joint_positions={"swing": 0.7})
     late = world.spawn(parse_urdf(make.robot(make.link("late"))), "late", Pose((5, 0, 1)))
     make.step(world, 100, model, swing=3.0)
@@ -24,12 +24,9 @@ def test_reset_simulation_restores_spawns_and_their_configurations(world, make):
     assert late.pose().xyz == (5, 0, 1)
     assert list(world.models) == ["m", "late"]
     assert world.revision == revision + 1
-
-
-def test_reset_world_keeps_joint_angles_and_stops_everything(world, make):
     arm = make.robot(make.link("base"), make.link("arm"),
                      make.joint("turn", "base", "arm", "continuous"))
-    model = world.spawn(parse_urdf(arm), "m", Pose((1, 2, 3)))
+    model = world.spawn(parse_urdf(arm), "arm", Pose((1, 2, 3)))
     model.set_twist(Twist((1, 0, 0), (0, 0, 1)))
     make.step(world, 50, model, turn=1.0)
     angle = model.read_joints()[0][0]

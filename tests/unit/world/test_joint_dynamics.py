@@ -111,6 +111,9 @@ def test_a_push_from_outside_acts_through_the_link_s_jacobian(make):
     space.state[0], space.state[1] = q, 0.0
     space.advance(DT)
     np.testing.assert_array_equal(space.state[1], 0.0)  # it acted for one step
+    mass = space.mass_matrix()
+    space.state[0] += 0.5
+    assert not np.array_equal(space.mass_matrix(), mass), "it is the caller's"
 
 
 def test_what_the_root_has_to_bear_is_pinocchio_s(make):

@@ -221,7 +221,7 @@ class TestTransmissions:
         assert not rig.hardware.handles
         assert "J_transmission" in rig.log[0]
 
-    def test_the_first_interface_that_takes_commands_counts(self, make_rig, make_joint):
+    def test_interfaces_and_joints_of_transmissions(self, make_rig, make_joint):
         """TIAGo lists its mimicking fingers so, and the state's interface before its others."""
         state, full = "JointStateInterface", f"hardware_interface/{POSITION}"
         rig = make_rig([
@@ -236,8 +236,6 @@ class TestTransmissions:
         assert "J_transmission' is skipped: hardware_interface/JointStateInterface" in skipped
         assert "only the first of the interfaces" in several
         assert "A, B" in unprefixed
-
-    def test_unknown_interface_joint_and_double_drive_are_refused(self, make_rig, make_joint):
         for text, *joints in (
             ("PushInterface.*'J'", make_joint("J", interface="PushInterface")),
             ("'K' is not a movable joint", make_joint("J", joint="K")),

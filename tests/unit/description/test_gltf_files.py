@@ -52,6 +52,7 @@ def changed(path, change):
 
 
 def test_triangles_and_colours_of_a_scene(tmp_path):
+    """A factor of a half of the light is level 188 of 255; a picture's levels stay."""
     (mesh,) = read(str(glb(tmp_path, box(baseColorFactor=[255, 64, 0, 255]))))
     own = mesh.positions @ PLACED[:3, :3] - PLACED[:3, 3] @ PLACED[:3, :3]
     np.testing.assert_allclose(np.abs(own).max(axis=0), (0.1, 0.15, 0.25), atol=1e-6)

@@ -144,6 +144,7 @@ def test_a_frame_that_does_not_exist_is_named(inside, reason):
 
 
 def test_frames_that_cannot_be_are_named_with_their_error():
+    """In a world and in a model, and what is placed in the frame names the same error."""
     frame = "<frame name='f'><pose>1 2</pose></frame>"
     cause = r"frame 'f': pose\b.* 6"
     inside = "<model name='m'><pose relative_to='f'/><link name='a'/></model>"

@@ -37,7 +37,7 @@ def test_a_link_may_stand_on_its_nose(pitch):
                                    atol=2e-7)
 
 
-def test_a_joint_s_numbers():
+def test_numbers_of_joints_and_links():
     """A limit of 1e15 is none; an effort or a speed of 0 is one."""
     links = link("a", "0 0 0 0 0 0") + link("b", "0 0 1 0 0 0")
     made = model(links + joint("<axis><xyz>0 3 4</xyz><limit><lower>-1</lower><upper>2</upper>"
@@ -59,9 +59,6 @@ def test_a_joint_s_numbers():
         assert (found.limits.lower, found.limits.upper) == (
             (None, None) if endless else (lower, upper))
         assert (found.limits.effort, found.limits.velocity) == (0.0, 0.0)
-
-
-def test_a_link_s_numbers():
     full = model(
         "<link name='a'><gravity>0</gravity><kinematic>1</kinematic><inertial><mass>2</mass>"
         "<inertia><ixx>3</ixx><ixy>.1</ixy><ixz>.2</ixz><iyy>4</iyy><iyz>.3</iyz><izz>5</izz>"

@@ -129,7 +129,7 @@ def test_a_shape_that_cannot_be_served_is_left_out_and_named(tmp_path, shape, re
     assert warning.endswith(f"; the {kind} is ignored")
 
 
-def test_inertials_origins_and_names_of_parts():
+def test_inertials_masses_origins_and_names_of_parts():
     link = robot(
         "<link name='a'><inertial><origin xyz='1 2 3' rpy='.1 .2 .3'/><mass value='2'/>"
         "<inertia ixx='4' ixy='.1' ixz='.2' iyy='5' iyz='.3' izz='6'/></inertial>"
@@ -145,6 +145,13 @@ def test_inertials_origins_and_names_of_parts():
     assert [c.name for c in link.collisions] == ["a_collision", "a_collision_1"]
     assert link.collisions[0].origin_xyz == (7, 8, 9)
     assert link.gravity and not link.kinematic and link.mu is None
+    link = "<link name='a'><inertial><mass value='{}'/></inertial></link>"
+    made = robot(link.format(2))
+    assert made.links["a"].inertial.inertia[0] == pytest.approx(0.002) and made.warnings
+    massless = robot(link.format(0))
+    assert massless.links["a"].inertial is None and massless.warnings == ()
+    with pytest.raises(DescriptionError, match="link 'a': mass value is missing"):
+        robot(link.replace("value='{}'", ""))
 
 
 @pytest.mark.parametrize("inside, reason", [
@@ -300,13 +307,3 @@ def test_what_an_inertia_does_not_name_is_zero(without):
         made = robot(link).links["a"].inertial
         assert made.inertia == tuple(given.get(key, 0.0) for key in values)
         assert (made.origin_xyz, made.origin_rpy) == ((0, 0, 0), (0, 0, 0))
-
-
-def test_a_mass_without_an_inertia_is_a_ball_s_and_without_a_mass_is_none():
-    link = "<link name='a'><inertial><mass value='{}'/></inertial></link>"
-    made = robot(link.format(2))
-    assert made.links["a"].inertial.inertia[0] == pytest.approx(0.002) and made.warnings
-    massless = robot(link.format(0))
-    assert massless.links["a"].inertial is None and massless.warnings == ()
-    with pytest.raises(DescriptionError, match="link 'a': mass value is missing"):
-        robot(link.replace("value='{}'", ""))

@@ -35,10 +35,12 @@ class View:
 
     @property
     def points(self) -> np.ndarray:
+        """Points (n, 3) in the camera frame, m."""
         return self.shape @ self.R[:, :2].T + self.t
 
     @property
     def image(self) -> np.ndarray:
+        """Points (n, 2) in normalised image coordinates."""
         return self.points[:, :2] / self.points[:, 2:]
 
     @property

@@ -106,6 +106,7 @@ def test_full_turn_orientation_under_tilt(seed: int, make) -> None:
 
 
 def test_symmetry_and_orientation_of_a_target():
+    """Small or far makes no shape symmetric, large makes no rectangle asymmetric."""
     for scale in (1e-4, 1.0, 1e3):
         for shape, is_symmetric in ((TARGET, False), (RECTANGLE, True)):
             moments = Moments.from_polygon(shape * scale)

@@ -176,7 +176,7 @@ def mask() -> np.ndarray:
     return image
 
 
-def test_kernel_features_pixel_by_pixel() -> None:
+def test_kernel_features_pixel_by_pixel_and_the_original_layout():
     dx, dy, p, q = 0.017, 0.0185, -2, -2
     k, J = np.zeros(4), np.zeros((4, 4))
     for i, j in np.argwhere(mask()) + 1:
@@ -198,9 +198,6 @@ def test_kernel_features_pixel_by_pixel() -> None:
     assert len(layout) == 20
     np.testing.assert_array_equal(layout[:16], result.inverse.ravel())
     np.testing.assert_array_equal(layout[16:], result.values)
-
-
-def test_the_original_layout():
     camera = Pinhole(200.0, 210.0, 15.0, 11.0)
     rows, columns = np.argwhere(mask()).T.astype(float)
     row, column, m00, alpha = compute_original_moments(mask(), camera)

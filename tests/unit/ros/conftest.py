@@ -381,6 +381,7 @@ class TimedThread(SimulationThread):
 
 @pytest.fixture
 def thread() -> Iterator[TimedThread]:
+    """Thread of a paused simulation; each of `batch_hooks` is called after a group of steps."""
     hooks: list[Callable[[int], None]] = []
     it = TimedThread(Simulation, TimedPacer(), paused=True,
                      after_batch=lambda time_ns: [hook(time_ns) for hook in hooks])

@@ -355,7 +355,7 @@ def test_what_a_bag_lacks_is_noted(graph, face, tmp_path, skip, said):
     assert any(said in note for note in run.notes), run.notes
 
 
-def test_a_bag_without_a_run_is_named(graph, face, tmp_path):
+def test_a_bag_without_a_run_or_of_another_version_is_named(graph, face, tmp_path):
     with pytest.raises(BenchError, match="contains no state of a servo .*; its topics: /"):
         bags.read_bag(write(tmp_path / "b.bag", graph, face, skip=("state",)))
     with rosbag.Bag(str(tmp_path / "c.bag"), "w") as bag:
@@ -363,6 +363,18 @@ def test_a_bag_without_a_run_is_named(graph, face, tmp_path):
                   "image on /eye"))[0], rospy.Time(1))
     with pytest.raises(BenchError, match="last phase is waiting: no image on /eye"):
         bags.read_bag(tmp_path / "c.bag")
+    whole = write(tmp_path / "whole.bag", graph, face)
+    state, report = "/two/controller/state", "/two/controller/diagnosis"
+    with pytest.raises(BenchError, match=f"{state} has another version .* without desired_f"):
+        bags.read_bag(write_without(tmp_path / "a.bag", whole, state, "desired_features"))
+    run = bags.read_bag(write_without(tmp_path / "b.bag", whole, report, "manipulability"))
+    assert f"{report} has another version" in "".join(run.notes)
+    assert not np.isfinite(run.scale).any()
+    same(run.stamp, bags.read_bag(whole).stamp)
+    # What was added later and is not needed is not missed.
+    run = bags.read_bag(write_without(tmp_path / "c.bag", whole, report, "filtered_error"))
+    assert not any("another version of" in note for note in run.notes)
+    assert np.isfinite(run.scale).any()
 
 
 def heard(graph, face, scheme="points", count=3) -> GraphRecording:
@@ -427,21 +439,6 @@ def write_without(path: Path, source: Path, topic: str, field: str) -> Path:
                 message = older(*(getattr(message, slot) for slot in older.__slots__))
             copy.write(name, message, time)
     return path
-
-
-def test_a_bag_of_another_version_is_named_or_told_without_what_it_lacks(graph, face, tmp_path):
-    whole = write(tmp_path / "whole.bag", graph, face)
-    state, report = "/two/controller/state", "/two/controller/diagnosis"
-    with pytest.raises(BenchError, match=f"{state} has another version .* without desired_f"):
-        bags.read_bag(write_without(tmp_path / "a.bag", whole, state, "desired_features"))
-    run = bags.read_bag(write_without(tmp_path / "b.bag", whole, report, "manipulability"))
-    assert f"{report} has another version" in "".join(run.notes)
-    assert not np.isfinite(run.scale).any()
-    same(run.stamp, bags.read_bag(whole).stamp)
-    # What was added later and is not needed is not missed.
-    run = bags.read_bag(write_without(tmp_path / "c.bag", whole, report, "filtered_error"))
-    assert not any("another version of" in note for note in run.notes)
-    assert np.isfinite(run.scale).any()
 
 
 def test_a_bag_shows_its_experiment_and_what_it_was_made_of(graph, face, tmp_path, capsys):

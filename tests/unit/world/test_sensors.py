@@ -139,7 +139,7 @@ def test_an_imu_at_rest_feels_what_holds_it_up(make):
     assert offset.orientation == pytest.approx((turn @ Pose((0, 0, 0), base.quat)).quat)
 
 
-def test_an_imu_in_free_fall_feels_its_own_turning_alone(make):
+def test_an_imu_in_free_fall_and_its_mean_over_its_own_period(make):
     """Off the centre of mass of a body that turns about it: the centripetal acceleration."""
     tags = imu_on("link", "0.3 0 0 0 0 0.8")
     simulation, model, (readings,) = make(BLOCK.format(tags=tags), pose=Pose((0, 0, 50)))
@@ -149,9 +149,6 @@ def test_an_imu_in_free_fall_feels_its_own_turning_alone(make):
     inwards = -16.0 * 0.2 * model.link_pose("link").matrix()[:3, 0]
     assert readings[-1].linear_acceleration == pytest.approx(turned(pose, inwards), abs=0.01)
     assert readings[-1].angular_velocity == pytest.approx((0, 0, 4.0), abs=1e-9)
-
-
-def test_an_imu_s_acceleration_is_the_mean_over_its_own_period(make):
     tags = imu_on("link", rate=100, updateRateHZ=10)
     simulation, model, (readings,) = make(BLOCK.format(tags=tags), pose=Pose((0, 0, 50)))
     velocities = {0: 0.0}

@@ -121,8 +121,6 @@ def test_the_control_plugin_and_flags():
     text = "<gazebo reference='a'>{}</gazebo>"
     assert robot("<gazebo><static>true</static></gazebo>").static
     assert not robot("<gazebo/>").static
-    with pytest.raises(DescriptionError, match="mu1 is -1.0; it must not be negative"):
-        robot(text.format("<mu1>-1</mu1>"))
     with pytest.raises(DescriptionError, match="kinematic: 'maybe' is neither true nor false"):
         robot(text.format("<kinematic>maybe</kinematic>"))
 

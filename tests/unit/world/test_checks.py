@@ -94,8 +94,7 @@ def test_a_place_beyond_all_sense_is_refused(world, make, at, message):
     assert not world.models
 
 
-def test_distant_parts_and_joints_that_move_no_mass_are_refused(world, make):
-    """A joint needs some mass below it, not in its own link."""
+def test_distant_parts_are_refused(world, make):
     xml = make.robot(make.link("a"), make.link("b"), make.joint("j", "a", "b", xyz="0 -3e9 0"))
     far = Visual("v", (0, 1.1e9, 0), (0, 0, 0), Geometry("sphere", radius=1.0))
     for build, message in (
@@ -104,12 +103,29 @@ def test_distant_parts_and_joints_that_move_no_mass_are_refused(world, make):
     ):
         with pytest.raises(WorldError, match=message):
             world.spawn(build, "m")
-    links = ('<link name="world"/>', '<link name="a"/>')
-    first = make.joint("first", "world", "a")
-    with pytest.raises(WorldError, match="joint 'first' moves link 'a', which has no mass"):
-        world.spawn(parse_urdf(make.robot(*links, first)), "m")
-    world.spawn(parse_urdf(make.robot(*links, make.link("b"), first,
-                                      make.joint("second", "a", "b", axis="1 0 0"))), "m")
+
+
+def test_a_joint_that_moves_no_mass_is_fixed_unless_there_is_some_below_it(world, make, caplog):
+    links = ('<link name="world"/>', '<link name="a"/>', '<link name="c"/>')
+    joints = (make.joint("first", "world", "a"), make.joint("third", "a", "c"))
+    model = world.spawn(parse_urdf(make.robot(*links, *joints)), "m")
+    assert model.joint_names == () and model.link_names == ("world", "a", "c")
+    assert "joint 'first' does not move, because it moves no mass; add an <inertial> to link 'a'" \
+        in caplog.text
+    model = world.spawn(parse_urdf(make.robot(*links, make.link("b"), *joints, make.joint(
+        "second", "a", "b", axis="1 0 0"))), "n")
+    assert model.joint_names == ("first", "second")
+
+
+def test_a_joint_that_mimics_one_without_mass_moves_freely(world, make, caplog):
+    follower = make.joint("second", "world", "b").replace(
+        "</joint>", '<mimic joint="first"/></joint>')
+    model = world.spawn(parse_urdf(make.robot(
+        '<link name="world"/>', '<link name="a"/>', make.link("b"),
+        make.joint("first", "world", "a"), follower)), "m")
+    assert model.joint_names == ("second",)
+    assert "joint 'second' moves freely, because joint 'first', which it mimics" in caplog.text
+    model.set_joint_positions({"second": 0.5})
 
 
 @pytest.mark.parametrize("change", [

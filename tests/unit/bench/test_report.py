@@ -32,7 +32,6 @@ from aras_visual_servo_bench.web.report.write import CHAPTERS, write_report
 SECONDS = 3.0
 FIGURES = {part.name: part.draw_figure for row in CHAPTERS for part in row}
 CHAPTER_NAMES = tuple(FIGURES)
-DRAWN = [name for name in CHAPTER_NAMES if name != "image_strip"]
 
 
 @pytest.fixture(scope="module")
@@ -51,8 +50,28 @@ def points():
     }, "points")  # fmt: skip
 
 
-def values(record):
-    return {q.key: q.value for q in summary.summarise(record)}
+@pytest.fixture(scope="module")
+def unmeasured(points):
+    """A run without measurements and joints, of which few figures are drawn."""
+    states = tuple(replace(s, phase="idle", scheme_output=None) for s in points.states)
+    return replace(points, states=states, **keep_joints(points, 0))
+
+
+def keep_joints(run, count):
+    """Return the fields of a run with its first joints only, as keywords of `replace`."""
+    names = ("measured_positions", "measured_velocities", "joint_commands")
+    return {"joint_names": run.joint_names[:count], **{n: getattr(run, n)[:, :count] for n in names}}
+
+
+@pytest.fixture(scope="module")
+def dollars(moments):
+    """A run whose names have dollars, which are no formulas."""
+    names = tuple(rf"$\input{{{i}}}$" for i in range(len(moments.names)))
+    states = tuple(
+        replace(state, scheme_output=replace(state.scheme_output, names=names))
+        if state.scheme_output else state for state in moments.states)
+    return replace(moments, states=states, units=("$x$", *moments.units[1:]),
+                   joint_names=("$^$", *moments.joint_names[1:]))  # fmt: skip
 
 
 def test_settling_time_wants_the_error_to_stay_small():
@@ -155,20 +174,16 @@ def test_a_curve_is_open_where_nothing_was_measured():
         assert np.isnan(Curve("", time, time).insert_gaps()[1]).any() == opened
 
 
-def test_the_report_is_one_page_that_needs_nothing_else(moments, tmp_path):
-    moments.notes.append("the bag was <not> closed")
-    told = []
-    try:
-        written = write_report([moments], tmp_path, ("png",),
-                               progress=lambda part, _: told.append(part))
-    finally:
-        moments.notes.clear()
+@pytest.mark.filterwarnings("error:Glyph")
+def test_the_report_is_one_page_that_needs_nothing_else(dollars, tmp_path):
+    run, told = replace(dollars, notes=["the bag was <not> closed"]), []
+    written = write_report([run], tmp_path, ("png",), progress=lambda part, _: told.append(part))
     page = (tmp_path / "report.html").read_text()
     assert written[0] == tmp_path / "report.html"
     assert not re.findall(r'(?:src|href)="(?!data:|#)|@import|url\((?!data:)', page)
     assert set(re.findall(r"https?://[\w./-]+", page)) == {"https://github.com/leeoniya/uPlot"}
     assert "the bag was &lt;not&gt; closed" in page
-    parts = {part.name for row in CHAPTERS for part in row if part.panels([moments])}
+    parts = {part.name for row in CHAPTERS for part in row if part.panels([run])}
     assert parts == set(re.findall(r'<section id="(\w+)"[^>]*>.*\n<div class="panels">', page))
     assert {path.stem for path in (tmp_path / "figures").iterdir()} == set(CHAPTER_NAMES)
     np.testing.assert_allclose(told, np.linspace(0.0, 1.0, len(CHAPTERS) + 3))
@@ -183,7 +198,7 @@ def test_the_report_is_one_page_that_needs_nothing_else(moments, tmp_path):
     (1, 2, ("png", "svg"), True), (2, 2, ("png", "svg"), False), (1, 1, ("png", "svg"), False),
     (1, 2, ("svg",), False)])  # fmt: skip
 def test_copies_of_the_process_draw_where_that_is_safe_and_saves_time(
-    threads, cores, kinds, copied, points, tmp_path, monkeypatch):
+    threads, cores, kinds, copied, unmeasured, tmp_path, monkeypatch):
     monkeypatch.setattr(threading, "active_count", lambda: threads)
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(cores)))
 
@@ -191,19 +206,21 @@ def test_copies_of_the_process_draw_where_that_is_safe_and_saves_time(
         path.write_text(str(os.getpid()))
 
     monkeypatch.setattr(Figure, "savefig", save)
-    written = write_report([points], tmp_path, kinds)
+    written = write_report([unmeasured], tmp_path, kinds)
     figures = list((tmp_path / "figures").iterdir())
     drew = {int(path.read_text()) for path in figures}
     assert len(drew) == 2 and os.getpid() not in drew if copied else drew == {os.getpid()}
     assert {*figures} <= {*written} and len(written) == len({*written})
-    assert {path.name for path in figures} == {f"{n}.{kind}" for n in DRAWN for kind in kinds}
+    assert {path.name for path in figures} == {f"{n}.{kind}" for kind in kinds for n in (
+        "filmstrip", "pose_errors", "camera_twist", "image_trajectory", "camera_path",
+        "conditioning", "timing")}
 
 
 @pytest.mark.parametrize(("fault", "told"), [
     ("full", r"cannot write the report into .*: No space left"),
     ("killed", "probably because of too little memory")])  # fmt: skip
 def test_a_process_that_cannot_draw_says_so_and_nothing_hangs(
-        fault, told, points, tmp_path, monkeypatch):
+        fault, told, unmeasured, tmp_path, monkeypatch):
     monkeypatch.setattr(threading, "active_count", lambda: 1)
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
     parent = os.getpid()
@@ -216,7 +233,7 @@ def test_a_process_that_cannot_draw_says_so_and_nothing_hangs(
 
     monkeypatch.setattr(Figure, "savefig", save)
     with pytest.raises(BenchError, match=told):
-        write_report([points], tmp_path, ("png", "svg"))
+        write_report([unmeasured], tmp_path, ("png", "svg"))
 
 
 def test_headers_say_settings_in_plain_words_with_units(points, tmp_path):
@@ -242,17 +259,14 @@ def test_headers_say_settings_in_plain_words_with_units(points, tmp_path):
 @pytest.mark.parametrize("paper", [False, True])
 @pytest.mark.parametrize("draw", FIGURES.values(), ids=CHAPTER_NAMES)
 @pytest.mark.filterwarnings("error:Glyph")
-def test_nothing_of_a_figure_is_cut_off_or_lies_on_a_legend(draw, paper, moments):
+def test_nothing_of_a_figure_is_cut_off_or_lies_on_a_legend(draw, paper, dollars):
     """Names of runs are as long as a user's, with dollars; a paper's column is 3.5 inches wide."""
-    names = tuple(rf"$\input{{{i}}}$" for i in range(len(moments.names)))
-    states = tuple(
-        replace(state, scheme_output=replace(state.scheme_output, names=names))
-        if state.scheme_output else state for state in moments.states)
-    runs = [replace(moments, name=f"$moments, gain {1.5 * i:g} and filter", states=states,
-                    units=("$x$", *moments.units[1:]),
-                    joint_names=("$^$", *moments.joint_names[1:])) for i in range(5)]
+    if draw == FIGURES["joint_positions"]:
+        dollars = replace(dollars, **keep_joints(dollars, 2))
+    runs = [replace(dollars, name=f"$moments, gain {1.5 * i:g} and filter") for i in range(5)]
     with style.apply_style(paper):
-        if alone := draw(runs[:1]):
+        # `write_report` draws those of a single run for the screen, above
+        if alone := paper and draw(runs[:1]):
             alone.draw_without_rendering()
         figure = draw(runs)
         if figure is None:
@@ -305,10 +319,14 @@ def test_a_delay_below_zero_is_shown_and_explained(moments, tmp_path):
     assert "A negative delay means that an image arrived before the clock message" in told
 
 
-def test_figures_for_a_paper_are_vectors_a_column_wide(points, tmp_path):
-    write_report([points], tmp_path, ("png", "svg", "pdf"), paper=True)
+def test_figures_for_a_paper_are_vectors_a_column_wide(points, tmp_path, monkeypatch):
+    """Of all figures one is drawn into its files."""
+    save = Figure.savefig
+    monkeypatch.setattr(Figure, "savefig", lambda figure, path, **how: save(
+        figure, path, **how) if path.stem == "features" else path.touch())
+    write_report([points], tmp_path, ("svg", "png", "pdf"), paper=True)
     files = {path.name for path in (tmp_path / "figures").iterdir()}
-    assert files == {f"{name}.{kind}" for name in DRAWN for kind in ("svg", "pdf")}
+    assert files == {f"{name}.{kind}" for name in FIGURES for kind in ("svg", "pdf")}
     assert 'width="252pt"' in (tmp_path / "figures" / "features.svg").read_text()  # 3.5 inches
     assert b"/Type3" not in (tmp_path / "figures" / "features.pdf").read_bytes()
 

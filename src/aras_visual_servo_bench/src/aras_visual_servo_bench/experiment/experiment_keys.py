@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import types
 import typing
 from collections.abc import Mapping
@@ -15,6 +16,7 @@ from ..errors import StudyError
 from .experiment import Experiment
 
 
+@functools.cache  # the type hints of a dataclass take milliseconds
 def find_unit(key: str) -> str:
     """Return the unit of the value of a dotted key, such as `start.side`.
 

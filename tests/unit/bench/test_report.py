@@ -60,7 +60,8 @@ def unmeasured(points):
 def keep_joints(run, count):
     """Return the fields of a run with its first joints only, as keywords of `replace`."""
     names = ("measured_positions", "measured_velocities", "joint_commands")
-    return {"joint_names": run.joint_names[:count], **{n: getattr(run, n)[:, :count] for n in names}}
+    kept = {name: getattr(run, name)[:, :count] for name in names}
+    return {"joint_names": run.joint_names[:count], **kept}
 
 
 @pytest.fixture(scope="module")

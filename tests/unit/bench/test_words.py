@@ -7,6 +7,7 @@ from dataclasses import replace
 import pyarrow.csv
 import pytest
 import yaml
+from matplotlib.figure import Figure
 
 from aras_visual_servo_bench import load_run, run_study
 from aras_visual_servo_bench.cli import analyze, main
@@ -57,7 +58,8 @@ def test_a_table_has_the_selected_rows_columns_and_format(folders, tmp_path, cap
     assert main([*words, "--format", "pdf"]) == 1 and "pdf" in capsys.readouterr().err
 
 
-def test_figures_have_the_selected_place_and_formats(folders, tmp_path, capsys):
+def test_figures_have_the_selected_place_and_formats(folders, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(Figure, "savefig", lambda _, path: path.touch())
     words = ["plot", folders[1], "--metrics", "final_distance"]
     for more, place, kinds in (
         (["--format", "svg, pdf", "--out", str(tmp_path)], str(tmp_path), {"svg", "pdf"}),
@@ -65,6 +67,7 @@ def test_figures_have_the_selected_place_and_formats(folders, tmp_path, capsys):
     ):  # fmt: skip
         assert main([*words, *more]) == 0
         written = capsys.readouterr().out.split()
+        assert all(map(os.path.isfile, written))
         assert {os.path.dirname(one) for one in written} == {place}
         captions = "tex" if "--paper" in more else "md"
         assert {one.rpartition(".")[2] for one in written} == {*kinds, captions}

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from made_studies import write_study
+from matplotlib.figure import Figure
 from statsmodels.stats.multitest import multipletests
 from statsmodels.stats.proportion import proportion_confint
 
@@ -22,6 +23,7 @@ from aras_visual_servo_bench.metrics import statistics
 from aras_visual_servo_bench.metrics.formatting import choose_unit
 from aras_visual_servo_bench.metrics.metrics import METRICS
 from aras_visual_servo_bench.plots import study_figures
+from aras_visual_servo_bench.plots.figure_captions import make_caption
 from aras_visual_servo_bench.studies import captions, compare, tables
 from aras_visual_servo_bench.studies import run_rows as rows
 from aras_visual_servo_bench.web.browse import result_queries as queries
@@ -457,8 +459,8 @@ def test_there_is_a_map_per_scheme(tmp_path, raw):
             assert text.get_text() == f"{int((part.success == 1).sum())}/4"
     assert [line.get_label() for line in distance.lines[:3]] == list(SCHEMES)
     assert distance.get_legend().get_title().get_text() == "scheme"
-    written = study_figures.write_figures([Results.read(path)], tmp_path / "plots")
-    assert "The curves pool runs with different gain, delay." in written[-1].read_text()
+    caption = "\n".join(make_caption("success", [Results.read(path)], ()))
+    assert "The curves pool runs with different gain, delay." in caption
     assert distance.lines[3].get_linestyle() == ":"
     assert distance.lines[3].get_xdata() == pytest.approx([0.3, 0.3])  # mm
 
@@ -473,7 +475,7 @@ def test_studies_in_folders_of_one_name_have_their_own_rates(tmp_path):
     assert [bar.get_width() for bar in figure.axes[0].patches] == [0.0, 100.0]
 
 
-def test_binary_metrics_are_drawn_as_rates(path, raw, tmp_path):
+def test_binary_metrics_are_drawn_as_rates(path, raw, tmp_path, monkeypatch):
     results = Results.read(path)
     figure = draw(path, study_figures.draw_rates, results.select_metrics(["reached"]))
     order = [group for _, group in raw.groupby(["scheme", "gain"], sort=False)]
@@ -481,6 +483,7 @@ def test_binary_metrics_are_drawn_as_rates(path, raw, tmp_path):
     assert widths == pytest.approx([100 * group.reached.mean() for group in order])
     for line, group in zip(figure.axes[0].collections[0].get_segments(), order, strict=True):
         assert line[:, 0] == pytest.approx([100 * v for v in wilson(group.reached)[1:3]], abs=1e-9)
+    monkeypatch.setattr(Figure, "savefig", lambda _, path: path.touch())
     written = {one.stem for one in study_figures.write_figures([results], tmp_path / "plots")}
     assert "rates" in written
     boxes = draw(path, study_figures.draw_boxes, results.select_metrics(["settled"])).axes[0]
@@ -493,7 +496,8 @@ def test_binary_metrics_are_drawn_as_rates(path, raw, tmp_path):
 
 
 def test_figures_for_a_paper_have_its_column_and_font(tmp_path, capsys):
-    path = write_study(tmp_path / "out", make_study(), make_row)
+    study = make_study(metrics=["success", "reached", "final_distance"])
+    path = write_study(tmp_path / "out", study, make_row)
     words = ["plot", path, "--paper", "--out", tmp_path / "plots"]
     files = list(map(Path, run_command(words, capsys)[1].split()))
     assert {one.name for one in files} >= {"success.pdf", "rates_reached.pdf", "figures.tex",

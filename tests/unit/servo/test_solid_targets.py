@@ -31,7 +31,7 @@ def meshes(tmp_path_factory):
 
 
 def reaches(experiment, distance, angle=1e-3):
-    result = run(experiment)
+    result = run(experiment.with_changes(gain=4.0, time_after_convergence=0.0))
     assert result.outcome.startswith("converged"), result.outcome
     assert result.verdict.distance < distance and result.verdict.angle < angle
 
@@ -139,7 +139,7 @@ def on_the_table(shape, segmentation, seed=4, **more):
     if size:
         target["size"] = size
     return Experiment(**{
-        "target": target, "controller_parameters": {"segmentation": segmentation}, "gain": 2.0,
+        "target": target, "controller_parameters": {"segmentation": segmentation},
         "duration": 12.0,
         "goal": {"pose": [0.03, -0.02, LEVEL + 0.3, np.pi, 0.0, 0.0]}, "seed": seed,
         "start": {"height": [0.28, 0.4], "side": 0.05, "turn": 0.6, "margin": 4}, **more,

@@ -37,11 +37,11 @@ def posed(pose):
     return {"pose": [*xyz, *rpy]}
 
 
-ARM = {"plant": "chain", "goal": JOINTS, "start": START, "duration": 1.2, "gain": 2.0}
+ARM = {"plant": "chain", "goal": JOINTS, "start": START, "duration": 0.8, "gain": 2.0}
 NEAR = posed(GOAL @ exponential((0.01, 0.005, -0.03, 0.02, 0.03, 0.2)))
 TWO = {"plant": "free", "features": "exact", "target": {"shape": SHAPE}, "cameras": CAMERAS,
        "goal": posed(GOAL), "start": NEAR,
-       "duration": 1.2, "gain": 2.0}  # fmt: skip
+       "duration": 0.8, "gain": 2.0}  # fmt: skip
 SOLID = {"shape": "block.obj", "pose": [0, 0, 0.5905, 0, 0, 0.3]}
 CASES: dict[str, dict[str, Any]] = {
     "moments, late": {**ARM, "scheme": "moments", "delay": 0.05},

@@ -369,9 +369,9 @@ def test_a_picture_is_what_rays_at_its_triangles_say(bench, tmp_path, what, lens
 def test_what_is_thinner_than_a_pixel_is_drawn_as_rays_show_it(bench, tmp_path, what, lens, most):
     """RMS in grey levels; a crumb that is not found, and a needle that shines through, are more."""
     sensor, view = scene(bench, tmp_path, what, lens, "sun")
-    every = np.ones((view.height, view.width), bool)
-    places, _ = expected(Caster(sensor.renderer), sensor.config.projection, view, SUN, every, 64)
-    assert rms(sensor.renderer.render(view)[every] - places.mean(axis=0)) < most
+    some = np.random.default_rng(0).random((view.height, view.width)) < 0.5
+    places, _ = expected(Caster(sensor.renderer), sensor.config.projection, view, SUN, some, 64)
+    assert rms(sensor.renderer.render(view)[some] - places.mean(axis=0)) < most
 
 
 @pytest.mark.parametrize(("lens", "near", "far"), [
@@ -408,7 +408,7 @@ def test_a_texture_seen_aslant_is_the_mean_of_what_a_pixel_covers(bench, tmp_pat
     light, angle = Lighting(ambient=1.0, diffuse=0.0), np.radians(angle)
     renderer = create_renderer("exact", bench.world, light)
     camera = CameraConfig.from_mapping({"camera_matrix": (300.0, 310.0, 161.3, 117.2)})
-    some = np.random.default_rng(1).random((240, 320)) < 0.02
+    some = np.random.default_rng(1).random((240, 320)) < 0.01
     for roll, up in ((0.0, (0, 1, 0.3)), (3.1, (0.5, 1, 0)), (-1.6, (1, 0.2, 0)), (2.4, (1, 1, 0))):
         away = np.sin(angle) * np.array([np.cos(roll), np.sin(roll), 0.0]) + [0, 0, np.cos(angle)]
         view = View(320, 240, looking(0.35 * away, [0.0, 0.0, 0.0], up), camera.K, 0.02)

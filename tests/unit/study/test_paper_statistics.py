@@ -352,8 +352,9 @@ def test_runs_without_a_value_are_counted(path, raw, capsys):
         assert named == (missing > 0), (scheme, gain)
 
 
-def test_missing_values_of_two_studies_name_the_study(path, tmp_path):
+def test_missing_values_of_two_studies_name_the_study(path, tmp_path, monkeypatch):
     """The captions of figures named only the setting, the same one for both studies."""
+    monkeypatch.setattr(Figure, "savefig", lambda _, path: path.touch())
     shutil.copytree(path, tmp_path / "again")
     both = [Results.read(path), Results.read(tmp_path / "again")]
     study_figures.write_figures(both, tmp_path / "plots", metrics=["settled"])

@@ -16,6 +16,7 @@ minutes without a graphics card.
 
 from __future__ import annotations
 
+import functools
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -160,7 +161,7 @@ def make_training_data(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarra
     poster, goal = parts.target.shape, parts.goal_pose
     camera = _reduce_camera(parts.calibrated_camera)
     random = np.random.default_rng((seed, 4711))
-    textures = [poster.perturb(100_000 * (seed + 1) + i) for i in range(TEXTURE_COUNT)]
+    make_texture = functools.cache(lambda i: poster.perturb(100_000 * (seed + 1) + i))
     x, y = [], []
     for number in range(-(-count // (1 + PLACES_BETWEEN))):
         # The study does not use these seeds, so its own starts do not occur in the training.
@@ -176,7 +177,7 @@ def make_training_data(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarra
                 * np.repeat((PATH_DEVIATION[0], np.radians(PATH_DEVIATION[1])), 3)
             )
             motion = part * displacement + (deviation if step else 0.0)
-            shape = poster if step % 2 == 0 else textures[random.integers(len(textures))]
+            shape = poster if step % 2 == 0 else make_texture(random.integers(TEXTURE_COUNT))
             grey = render_target(
                 shape, camera, parts.target.target_T_camera(goal @ exponential(motion))
             )

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import types
 import typing
 from collections.abc import Mapping
 from typing import Any
 
 from aras_visual_servo_base.names import suggest
+from aras_visual_servo_base.settings import list_annotations
 from aras_visual_servo_controller.settings import ControllerSettings
 
 from ..errors import StudyError
 from .experiment import Experiment
 
 
-@functools.cache  # the type hints of a dataclass take milliseconds
 def find_unit(key: str) -> str:
     """Return the unit of the value of a dotted key, such as `start.side`.
 
@@ -67,7 +66,7 @@ def _find_fields(key: str, kind: type) -> list[dataclasses.Field]:
             remedy = near.replace("did you mean ", f"did you mean {so_far}")
             raise StudyError(f"an experiment has no '{key}': {remedy}")
         so_far += f"{part}."
-        hints = [typing.get_type_hints(kind) for kind in kinds]
+        hints = [list_annotations(kind) for kind in kinds]
         hint = next(h[part] for h in hints if part in h)
         is_union = typing.get_origin(hint) in (typing.Union, types.UnionType)
         options = typing.get_args(hint) if is_union else (hint,)

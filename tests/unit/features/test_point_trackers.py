@@ -1,5 +1,7 @@
 """Point trackers on drawn images: which shapes are detected as dots."""
 
+import functools
+
 import cv2
 import numpy as np
 import pytest
@@ -12,13 +14,22 @@ SIZE, FINE = (160, 120), 8
 DOTS = np.array([[41.3, 30.2, 9.0], [102.6, 33.8, 8.0], [110.1, 88.4, 7.5], [52.7, 85.9, 8.5]])
 
 
+V, U = (np.mgrid[:FINE * SIZE[1], :FINE * SIZE[0]] + 0.5) / FINE - 0.5
+
+
+@functools.cache
+def draw_dots() -> np.ndarray:
+    """Draw the dots at FINE times the resolution."""
+    large = np.full(U.shape, 210, np.uint8)
+    for x, y, r in DOTS:
+        large[np.hypot(U - x, V - y) < r] = 40
+    return large
+
+
 def drawn(draw) -> np.ndarray:
     """An image of the dots and of what `draw` draws, at FINE times the resolution."""
-    large = np.full((FINE * SIZE[1], FINE * SIZE[0]), 210, np.uint8)
-    v, u = (np.mgrid[:large.shape[0], :large.shape[1]] + 0.5) / FINE - 0.5
-    for x, y, r in DOTS:
-        large[np.hypot(u - x, v - y) < r] = 40
-    draw(large, u, v)
+    large = draw_dots().copy()
+    draw(large, U, V)
     return cv2.resize(large, SIZE, interpolation=cv2.INTER_AREA)
 
 
@@ -50,8 +61,9 @@ NO_DOTS = {
 @pytest.mark.parametrize("what", NO_DOTS)
 def test_dots_are_the_largest_round_ones_away_from_the_border(what):
     """Their blurred edges count, but not what is darker next to them."""
-    for grey in (drawn(NO_DOTS[what]), cv2.GaussianBlur(drawn(NO_DOTS[what]), (0, 0), 1.0)):
-        assert np.abs(DotTracker().find(grey) - DOTS[:, :2]).max() < 0.02
+    grey = drawn(NO_DOTS[what])
+    for image in (grey, cv2.GaussianBlur(grey, (0, 0), 1.0)):
+        assert np.abs(DotTracker().find(image) - DOTS[:, :2]).max() < 0.02
 
 
 def test_dots_may_be_a_few_pixels_or_seen_askew_and_all_must_be_there():

@@ -508,14 +508,14 @@ def test_a_command_is_not_sent_again_where_the_arm_is_not_to_move(order, drift):
     ("converged", True),
 ])  # fmt: skip
 def test_the_loop_continues_by_itself_once_foreign_commands_end(when, heard):
-    bench = Bench(gain=2.0, start="2015" if when == "approaching" else "none")
-    bench.step({"approaching": 30, "converged": 600}.get(when, 60))
+    bench = Bench(gain=4.0, start="2015" if when == "approaching" else "none")
+    bench.step({"approaching": 30, "converged": 300}.get(when, 40))
     assert bench.servo.phase == ("servoing" if when == "blind" else when)
     parked = bench.q[5] + (0.4 if when == "blind" else 0.15)
     if when == "blind":
         look = bench.look
         bench.look = lambda stamp, valid=True: look(stamp, bench.q[5] < parked - 0.2)
-    bench.flood(3.0, parked, heard=heard)
+    bench.flood(2.0, parked, heard=heard)
     assert not (heard and [t for t, _ in bench.sent if t > bench.t - 0.8])
     last = bench.states[-1]
     assert ("/flooder commands J6" in last.reason) is heard, last.reason

@@ -30,11 +30,11 @@ LOST = Judged("target_leaves", 1, "target_lost", "gone", "teach", 0.4, 0.1, math
 @pytest.mark.parametrize("name", KINDS)
 def test_every_kind_draws_experiments_that_there_are(name):
     kind = KINDS[name]
-    trials = [kind.trial(5, number) for number in range(4)]
+    trials = [kind.trial(5, number) for number in range(3)]
     for trial in trials:
         Experiment.from_mapping(trial.keys)
     assert kind.text and kind.right and len(KINDS) >= 25
-    assert len({json.dumps(trial.keys, sort_keys=True) for trial in trials}) == 4
+    assert len({json.dumps(trial.keys, sort_keys=True) for trial in trials}) == 3
     assert kind.trial(5, 2) == trials[2] != kind.trial(6, 2)
 
 

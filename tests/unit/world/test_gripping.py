@@ -61,8 +61,8 @@ def held(world, make, mu, **how):
             world.step()
         return hand.link_pose("palm").inverse() @ box.pose()
 
-    go_on(300, -0.18)
-    go_on(900, 0.1)
+    go_on(200, -0.18)
+    go_on(700, 0.1)
     assert box.pose().xyz[2] > 0.25
     return go_on
 
@@ -132,23 +132,23 @@ def test_what_is_pressed_is_held_and_let_go(simulation, make, collides, grip):
     (grasp,) = simulation.grasps
     hand.go(150, -0.18, 10.0)
     assert not grasp.grasped
-    for _ in range(350):
+    for _ in range(250):
         hand.go(1, -0.18, grip if grasp.grasped else 10.0)
     assert grasp.grasped["hand"].link == ("box", "box")
     before = hand.box_in_palm
-    hand.go(1000, 0.1, grip)
+    hand.go(700, 0.1, grip)
     assert hand.box.pose().xyz[2] > 0.25
     assert math.dist(before.xyz, hand.box_in_palm.xyz) < 2e-3
-    hand.go(500, 0.1, -10.0)
+    hand.go(300, 0.1, -10.0)
     assert not grasp.grasped
-    hand.go(500, 0.1, -10.0)
+    hand.go(400, 0.1, -10.0)
     assert 0.01 < hand.box.pose().xyz[2] < 0.05  # it touches the ground again
 
 
 def test_deleted_things_and_resets_leave_nothing_held(simulation, make):
     hand = Hand(simulation, make, ARM.format(FINGERS) + SETTINGS)
     (grasp,) = simulation.grasps
-    hand.go(500, -0.18, 10.0)
+    hand.go(400, -0.18, 10.0)
     assert grasp.grasped
     simulation.delete("box")
     hand.go(100, -0.18, 10.0)

@@ -228,7 +228,7 @@ def test_a_wrench_contains_what_the_ground_bears_of_it(make):
     simulation, model, readings = make(f"""<robot name="stack"><link name="body"><inertial>
       <origin xyz="0.01 0.1 0"/><mass value="4"/>{INERTIA}</inertial></link>{feet}</robot>""",
                                    pose=Pose((0, 0, 0.351)), ground=True)
-    steps(simulation, 600)
+    steps(simulation, 400)
     left, right = (np.mean([r.force for r in one[-200:]], axis=0) for one in readings)
     # The moment about the feet's line: 0.1 m of 0.2 m to the left.
     assert left[2] == pytest.approx(3 * G, abs=1.0) and right[2] == pytest.approx(G, abs=1.0)
@@ -284,7 +284,8 @@ def test_noise_is_as_asked_for_and_depends_on_seed_and_stamp_alone(make):
     assert off[:, 1].std() == pytest.approx(0.02, rel=0.06)
     assert abs(off[:, 5].mean()) == pytest.approx(2.0, abs=0.05)
     assert off[:, 5].std() == pytest.approx(0.5, rel=0.06)
-    assert np.array_equal(first, told(1)) and not np.array_equal(first, told(2))
+    again, other = (told(seed, count=101) for seed in (1, 2))
+    assert np.array_equal(first[:len(again)], again) and not np.array_equal(again, other)
     assert {math.copysign(1, told(seed, "<linear_acceleration><x><noise><bias_mean>99</bias_mean>"
                                   "</noise></x></linear_acceleration>", count=2)[0, 3])
             for seed in range(8)} == {-1, 1}
@@ -337,7 +338,7 @@ def test_who_touches_is_told_from_both_sides_with_opposite_forces(make):
                              Pose((0.02, 0.01, 0.2)))
     above = []
     simulation.sensors[1].on_state = above.append
-    steps(simulation, 600)
+    steps(simulation, 300)
     names = "m::link::link_collision", "top::link::link_collision"
     assert set(readings[-1].contacts) == {names, (names[0], "ground_plane::link::collision")}
     (touches,) = above[-1].contacts.values()

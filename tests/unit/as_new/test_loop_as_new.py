@@ -40,8 +40,7 @@ def posed(pose):
 ARM = {"plant": "chain", "goal": JOINTS, "start": START, "duration": 0.8, "gain": 2.0}
 NEAR = posed(GOAL @ exponential((0.01, 0.005, -0.03, 0.02, 0.03, 0.2)))
 TWO = {"plant": "free", "features": "exact", "target": {"shape": SHAPE}, "cameras": CAMERAS,
-       "goal": posed(GOAL), "start": NEAR,
-       "duration": 0.8, "gain": 2.0}  # fmt: skip
+       "goal": posed(GOAL), "start": NEAR, "duration": 0.8, "gain": 2.0}  # fmt: skip
 SOLID = {"shape": "block.obj", "pose": [0, 0, 0.5905, 0, 0, 0.3]}
 CASES: dict[str, dict[str, Any]] = {
     "moments, late": {**ARM, "scheme": "moments", "delay": 0.05},
@@ -56,9 +55,8 @@ CASES: dict[str, dict[str, Any]] = {
     "predictive": {**ARM, "scheme": "predictive"},
     "laboratory's": {**ARM, "scheme": "moments_2016"},
     "partitioned": {**ARM, "scheme": "partitioned"},
-    "pose, from a start": {
-        **ARM, "scheme": "pose", "controller_parameters": {"start": "2016",
-            "singularity_avoidance": True}},
+    "pose, from a start": {**ARM, "scheme": "pose", "controller_parameters": {
+        "start": "2016", "singularity_avoidance": True}},
     "luminance": {**ARM, "scheme": "luminance", "features": "images"},
     "two cameras": {**TWO, "scheme": "moments@left+points@right"},
     "stereo": {**TWO, "scheme": "stereo_points@left,right"},

@@ -29,15 +29,13 @@ from aras_visual_servo_bench.web import SHARED
 from aras_visual_servo_bench.web.report import page as page_text
 from aras_visual_servo_bench.web.report.write import CHAPTERS, write_report
 
-SECONDS = 3.0
 FIGURES = {part.name: part.draw_figure for row in CHAPTERS for part in row}
-CHAPTER_NAMES = tuple(FIGURES)
 
 
 @pytest.fixture(scope="module")
 def moments():
     return run_with_images(
-        Experiment(plant="chain", duration=SECONDS, time_after_convergence=None), "moments")
+        Experiment(plant="chain", duration=3.0, time_after_convergence=None), "moments")
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +43,7 @@ def points():
     return run_with_images({
         "plant": "free", "target": {"shape": "square", "size": [0.1, 0.1]},
         "scheme": "numbered_points", "start": {"pose": [0.05, -0.03, 0.4, 3.14159, 0.0, 0.5]},
-        "goal": {"pose": [0.0, 0.0, 0.25, 3.14159, 0.0, 0.0]}, "duration": SECONDS,
+        "goal": {"pose": [0.0, 0.0, 0.25, 3.14159, 0.0, 0.0]}, "duration": 3.0,
         "time_after_convergence": None,
     }, "points")  # fmt: skip
 
@@ -54,14 +52,14 @@ def points():
 def unmeasured(points):
     """A run without measurements and joints, of which few figures are drawn."""
     states = tuple(replace(s, phase="idle", scheme_output=None) for s in points.states)
-    return replace(points, states=states, **keep_joints(points, 0))
+    return keep_joints(replace(points, states=states), 0)
 
 
 def keep_joints(run, count):
-    """Return the fields of a run with its first joints only, as keywords of `replace`."""
+    """Return the run with its first joints only."""
     names = ("measured_positions", "measured_velocities", "joint_commands")
-    kept = {name: getattr(run, name)[:, :count] for name in names}
-    return {"joint_names": run.joint_names[:count], **kept}
+    return replace(run, joint_names=run.joint_names[:count],
+                   **{name: getattr(run, name)[:, :count] for name in names})
 
 
 @pytest.fixture(scope="module")
@@ -186,9 +184,9 @@ def test_the_report_is_one_page_that_needs_nothing_else(dollars, tmp_path):
     assert "the bag was &lt;not&gt; closed" in page
     parts = {part.name for row in CHAPTERS for part in row if part.panels([run])}
     assert parts == set(re.findall(r'<section id="(\w+)"[^>]*>.*\n<div class="panels">', page))
-    assert {path.stem for path in (tmp_path / "figures").iterdir()} == set(CHAPTER_NAMES)
+    assert {path.stem for path in (tmp_path / "figures").iterdir()} == set(FIGURES)
     np.testing.assert_allclose(told, np.linspace(0.0, 1.0, len(CHAPTERS) + 3))
-    assert len(set(written)) == len(written) == len(CHAPTER_NAMES) + 5 and all(
+    assert len(set(written)) == len(written) == len(FIGURES) + 5 and all(
         p.is_file() for p in written)
     scripts = [path.read_text() for path in page_text.SCRIPTS]
     assert len(scripts) == 4 and all(text in page for text in scripts)
@@ -212,9 +210,8 @@ def test_copies_of_the_process_draw_where_that_is_safe_and_saves_time(
     drew = {int(path.read_text()) for path in figures}
     assert len(drew) == 2 and os.getpid() not in drew if copied else drew == {os.getpid()}
     assert {*figures} <= {*written} and len(written) == len({*written})
-    assert {path.name for path in figures} == {f"{n}.{kind}" for kind in kinds for n in (
-        "filmstrip", "pose_errors", "camera_twist", "image_trajectory", "camera_path",
-        "conditioning", "timing")}
+    drawn = {*FIGURES} - {"features", "feature_errors", "joint_positions"}
+    assert {path.name for path in figures} == {f"{n}.{kind}" for n in drawn for kind in kinds}
 
 
 @pytest.mark.parametrize(("fault", "told"), [
@@ -258,12 +255,12 @@ def test_headers_say_settings_in_plain_words_with_units(points, tmp_path):
 
 
 @pytest.mark.parametrize("paper", [False, True])
-@pytest.mark.parametrize("draw", FIGURES.values(), ids=CHAPTER_NAMES)
+@pytest.mark.parametrize("draw", FIGURES.values(), ids=FIGURES)
 @pytest.mark.filterwarnings("error:Glyph")
 def test_nothing_of_a_figure_is_cut_off_or_lies_on_a_legend(draw, paper, dollars):
     """Names of runs are as long as a user's, with dollars; a paper's column is 3.5 inches wide."""
     if draw == FIGURES["joint_positions"]:
-        dollars = replace(dollars, **keep_joints(dollars, 2))
+        dollars = keep_joints(dollars, 2)
     runs = [replace(dollars, name=f"$moments, gain {1.5 * i:g} and filter") for i in range(5)]
     with style.apply_style(paper):
         # `write_report` draws those of a single run for the screen, above

@@ -150,7 +150,8 @@ def test_other_code_is_refused_or_mixed(tiny, capsys):
 
 
 @pytest.mark.parametrize(("changes", "shown"), [
-    ([], True), (["vary={gain: {uniform: [1.0, 2.0]}}"], True), (["metrics=[success]"], False)])
+    (["traces=true"], True), (["vary={gain: {uniform: [1.0, 2.0]}}"], True),
+    (["metrics=[success]"], False)])  # fmt: skip
 def test_a_report_is_a_table_and_pictures(tiny, capsys, changes, shown):
     assert tiny("metrics=[success, final_distance]", *changes) == 0
     said, found = capsys.readouterr().out, [Results.read(tiny.path)]
@@ -158,6 +159,7 @@ def test_a_report_is_a_table_and_pictures(tiny, capsys, changes, shown):
     assert (tiny.path / "table.md").read_text() == table
     assert ("final_distance" in said.partition("table.md has")[0]) is shown
     (drawn,) = re.findall(rf"^{tiny.path}/table.md has all metrics; figures: (.*)$", said, re.M)
+    assert ("trajectories.png" in drawn) is ("traces=true" in changes)
     assert {*drawn.split(", ")} == {str(path) for path in (tiny.path / "plots").iterdir()}
     assert said.endswith(f"\nrosrun aras_visual_servo_bench bench browse {tiny.path} shows the "
                          "runs and their reports in a browser\n")  # fmt: skip

@@ -60,23 +60,20 @@ def test_inputs_are_free_of_the_moments_units():
     assert one[2] == pytest.approx(0.5 * np.log(area))
 
 
-SEED = 472  # its images are of the first textures
-
-
 def test_pictures_of_the_poster_are_seen_from_where_the_answers_say():
     """What has more contrast than one grey level is brought to a deviation of 1."""
     fine = np.tile([0.0, 1.0], (21, 14))
     for step, deviation in ((1, 0.5), (2, 1.0), (40, 1.0)):
         grey = (100 + step * fine).astype(np.uint8)
         assert learned_pose.make_inputs(grey).std() == pytest.approx(deviation)
-    x, y = learned_pose.make_training_data(6, seed=SEED)
+    x, y = learned_pose.make_training_data(6, seed=472)  # of the first textures
     assert x.shape == (6, 28 * 21) and y.shape == (6, 6)
     study = Study.from_yaml(find_study_file(Path("convergence_domain")))
     start = study.combinations[0].set["start"]
     parts = assemble(Experiment.from_mapping({
         **study.experiment, "scheme": "luminance", "start": start}))
     camera, poster = parts.calibrated_camera, parts.target.shape
-    disturb = functools.cache(lambda k: poster.perturb(100_000 * (SEED + 1) + k))
+    disturb = functools.cache(lambda k: poster.perturb(47_300_000 + k))
     for k, (row, motion) in enumerate(zip(x, y, strict=True)):
         t_T_c = parts.target.target_T_camera(parts.goal_pose @ exponential(motion))
         corners = (poster.vertices() - t_T_c[:3, 3]) @ t_T_c[:3, :3]
@@ -85,9 +82,8 @@ def test_pictures_of_the_poster_are_seen_from_where_the_answers_say():
         source = np.array([(0, 0), (columns, 0), (columns, rows), (0, rows)]) - 0.5
         H = cv2.getPerspectiveTransform(source.astype(np.float32),
                                         np.column_stack([u, v]).astype(np.float32))
-        for number in range(learned_pose.TEXTURE_COUNT if k % 4 % 2 else 1):
-            pixels = (disturb(number) if k % 4 % 2 else poster).pixels
-            shown = cv2.warpPerspective(pixels, H, (camera.width, camera.height),
+        for one in map(disturb, range(learned_pose.TEXTURE_COUNT)) if k % 4 % 2 else [poster]:
+            shown = cv2.warpPerspective(one.pixels, H, (camera.width, camera.height),
                                         flags=cv2.INTER_AREA, borderValue=255)
             small = cv2.resize(shown, (28, 21), interpolation=cv2.INTER_AREA).ravel()
             if np.corrcoef(small, row)[0, 1] > 0.995:

@@ -55,7 +55,9 @@ def test_a_table_has_the_selected_rows_columns_and_format(folders, tmp_path, cap
         assert not capsys.readouterr().out
         assert (tmp_path / f"t.{kind}").read_text().startswith(tables.format_table(made, kind))
     assert main([*words, "--out", str(tmp_path)]) == 1
-    assert main([*words, "--format", "pdf"]) == 1 and "pdf" in capsys.readouterr().err
+    for more, why in ((["--format", "pdf"], "pdf"), (["--metrics", "setled"], "metric 'setled'"),
+                      (["--by", "gian"], "no column 'gian': did you mean 'gain'")):  # fmt: skip
+        assert main([*words, *more]) == 1 and why in capsys.readouterr().err
 
 
 def test_figures_have_the_selected_place_and_formats(folders, tmp_path, capsys, monkeypatch):

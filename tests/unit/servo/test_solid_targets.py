@@ -55,10 +55,8 @@ def test_the_arm_goes_to_a_solid_on_its_table(meshes):
     target = {"shape": meshes["bracket"], "pose": [0.0, 0.0, 0.5905, 0.0, 0.0, 0.3]}
     starts = {"height": [0.2, 0.3], "side": 0.04, "turn": 0.7, "tilt": 0.15, "margin": 4}
     rough = {"pose": [0.004, -0.003, 0.5925, 0.02, 0.0, 0.33]}
-    reaches(Experiment(
-        target=target, scheme="pose", start=starts, seed=3, duration=12.0,
-        controller_parameters={"model_start": rough, "depth_image": True},
-    ), 2e-4)  # fmt: skip
+    reaches(Experiment(target=target, scheme="pose", start=starts, seed=3, duration=12.0,
+                       controller_parameters={"model_start": rough, "depth_image": True}), 2e-4)
 
 
 @pytest.mark.parametrize(("name", "why"), [

@@ -1,14 +1,23 @@
 """Folders of studies whose rows are made up."""
 
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from aras_visual_servo_bench.metrics.metric import metric
 from aras_visual_servo_bench.studies import run_rows as rows
 from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_bench.studies.study_folder import StudyFolder
+
+
+@metric("", "smaller", "these tests")
+def hanging(finished):
+    """Never comes back at a gain of 2."""
+    time.sleep(1e6 if finished.experiment.gain == 2.0 else 0.0)
+    return 0.0
 
 
 def write_study(path: Path, study: Study, make: Callable[[Study, int], dict[str, Any]],

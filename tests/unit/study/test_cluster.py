@@ -25,19 +25,12 @@ def parts(path):
 
 
 @pytest.fixture(scope="module")
-def hanging(tiny, tmp_path_factory):
+def hanging(tiny):
     """A study of three runs, the second of which never ends; `PYTHONPATH` leads to its metric."""
-    folder = tmp_path_factory.mktemp("hanging")
-    (folder / "my_hanging.py").write_text(
-        "import time\nfrom aras_visual_servo_bench.metrics.metric import metric\n"
-        "@metric('', 'smaller', 'me')\ndef hanging(run):\n    'Never ends at a gain of 2.'\n"
-        "    time.sleep(1e6 if run.experiment.gain == 2.0 else 0.0)\n    return 0.0\n"
-    )
     with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(folder)
-        path = f"{folder}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"
+        path = f"{os.path.dirname(__file__)}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"
         patch.setenv("PYTHONPATH", path)
-        yield tiny(metrics=["my_hanging:hanging"], repeats=1, chunk=1, limit=60.0)
+        yield tiny(metrics=["made_studies:hanging"], repeats=1, chunk=1, limit=60.0)
 
 
 class History(NamedTuple):

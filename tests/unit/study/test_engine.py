@@ -14,7 +14,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -41,13 +40,6 @@ def killing(finished):
         os.kill(os.getpid(), signal.SIGKILL)
     print("chatter")
     return float(cv2.getNumThreads())
-
-
-@metric("", "smaller", "these tests")
-def hanging(finished):
-    """Never comes back at a gain of 2."""
-    time.sleep(1e6 if finished.experiment.gain == 2.0 else 0.0)
-    return 0.0
 
 
 @metric("", "smaller", "these tests")
@@ -139,10 +131,9 @@ def test_a_part_that_is_no_table_is_run_again_whatever_its_hash_says(tiny, tmp_p
                 StudyFolder.open(tmp_path).read_results()
 
 
-def test_a_run_that_hangs_ends_as_a_row_and_its_worker_goes_on(tiny, tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(os.path.dirname(__file__))
+def test_a_run_that_hangs_ends_as_a_row_and_its_worker_goes_on(tiny, tmp_path):
     rows.compute_row(tiny(), 0)  # what the first run of a process loads counts for none
-    study = tiny(metrics=["success", "test_engine:hanging"], chunk=3, repeats=1, limit=2.0)
+    study = tiny(metrics=["success", "made_studies:hanging"], chunk=3, repeats=1, limit=2.0)
     table = carried(study, tmp_path).read_results()
     assert table["outcome"].to_pylist() == ["timed_out", rows.LATE, "timed_out"]
     assert table["reason"][1].as_py() == "not finished after 2 s of wall time"

@@ -310,36 +310,6 @@ def test_runs_of_a_study_are_analyzed_beside_each_other(tiny, tmp_path, capsys):
     capsys.readouterr()
     assert main(["analyze", f"{out}:6", "--out", str(tmp_path / "none")]) == 1
     assert "there is no run 6" in capsys.readouterr().err
-    assert main(["show", str(out)]) == 1
-    assert "give the number of a run" in capsys.readouterr().err
-
-
-def test_the_command_line_from_file_to_table(tmp_path, capsys):
-    file = tmp_path / "study.yaml"
-    file.write_text("experiment: {plant: free, duration: 0.1}\nvary: {gain: [1.0, 2.0]}\n")
-    out = tmp_path / "out"
-    words = ["run", str(file), "--out", str(out), "--in-process", "repeats=2", "traces=true",
-             "metrics=[success, final_distance]"]  # fmt: skip
-    assert main(words) == 0
-    told = capsys.readouterr().out
-    assert "4 of 4 runs" in told and "trajectories.png" in told
-    assert (out / "plots" / "trajectories.png").stat().st_size > 5000
-    assert main(["table", str(out), "--metrics", "final_distance"]) == 0
-    assert "| 2 | 2 | 0 [0, 0.658] |" in capsys.readouterr().out
-    for words, complaint in (
-        (["run", str(file), "--out", str(out), "--in-process"], "has another study"),
-        (["run", str(tmp_path / "none.yaml"), "--dry-run"], "cannot read"),
-        (["run", "calibratoin", "--dry-run"], "did you mean 'calibration'"),
-        (["run", str(file), "--dry-run", "gian=2"], "did you mean gain"),
-        (["table", str(tmp_path)], "has no study"),
-        (["table", str(out), "--by", "gian"], "no column 'gian': did you mean 'gain'"),
-        (["table", str(out), "--metrics", "setled"], "no metric 'setled'"),
-    ):  # fmt: skip
-        assert main(words) == 1, words
-        told = capsys.readouterr()
-        assert complaint in told.err and told.err.count("\n") == 1, told.err
-    with pytest.raises(SystemExit):
-        main(["table", str(out), "--fast"])
 
 
 @pytest.mark.parametrize("metric", ["settled", "decay_rate"])

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Draw docs/images/camera_contact_sheet.png: the lenses and effects side by side.
 
-    python3 tests/benchmarks/camera_contact_sheet.py [--out docs/images/camera_contact_sheet.png]
+    python3 tests/benchmarks/camera_contact_sheet.py [--out FILE] [--only mono8 noise ...]
 """
 
 from __future__ import annotations
@@ -94,9 +94,8 @@ def lay_bricks(bench: Bench) -> None:
         bench.box([0.05, 0.035, 0.03], [x, y, TABLE + 0.03], f"Gazebo/{colour}")
 
 
-def panel(renderer, title: str, settings: dict) -> np.ndarray:
+def panel(renderer, title: str, config: CameraConfig) -> np.ndarray:
     """Return an image with its title and a margin, (HEIGHT + TITLE + GAP, WIDTH + GAP, 3) rgb."""
-    config = CameraConfig.from_mapping({"near": 0.02, "horizontal_fov": 1.4, **settings})
     sensor = CameraSensor(config, renderer)
     frame, time_ns = None, 0
     while frame is None:
@@ -131,13 +130,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path,
                         default=ROOT / "docs/images/camera_contact_sheet.png")
-    out = parser.parse_args().out
+    parser.add_argument("--only", nargs="+", default=[""], help="parts of the panels' titles")
+    options = parser.parse_args()
+    out = options.out
     bench = robot_scene()
     lay_bricks(bench)
     plain, shaded = (create_renderer("exact", bench.world, light)
                      for light in (None, Lighting(lights=(SUN,), shadows="soft")))
-    panels = [panel(shaded if "shadows" in title else plain, title, settings)
-              for title, settings in PANELS.items()]
+    configs = {title: CameraConfig.from_mapping({"near": 0.02, "horizontal_fov": 1.4, **settings})
+               for title, settings in PANELS.items()}  # fmt: skip
+    panels = [panel(shaded if "shadows" in title else plain, title, config)
+              for title, config in configs.items() if any(map(title.__contains__, options.only))]
+    panels += [np.full_like(panels[0], 255)] * (-len(panels) % COLUMNS)
     rows = [np.hstack(panels[i:i + COLUMNS]) for i in range(0, len(panels), COLUMNS)]
     sheet = np.pad(np.vstack(rows)[..., ::-1], ((0, 0), (GAP, 0), (0, 0)), constant_values=255)
     out.parent.mkdir(parents=True, exist_ok=True)

@@ -14,11 +14,10 @@ from __future__ import annotations
 import argparse
 import ast
 import inspect
-import io
 import json
 import sys
-import tokenize
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from types import CodeType, FrameType
 from typing import Any
@@ -46,12 +45,12 @@ class ExecutedFunctions:
 
     def __exit__(self, *raised: object) -> None:
         sys.setprofile(None)
+        self.codes = {code for code in self.codes if code.co_flags & inspect.CO_OPTIMIZED
+                      and not code.co_name.startswith("<") and is_project(code.co_filename)}
 
     def _on_event(self, frame: FrameType, event: str, argument: Any) -> None:
-        code = frame.f_code
-        is_function = code.co_flags & inspect.CO_OPTIMIZED and not code.co_name.startswith("<")
-        if event == "call" and is_function and is_project(code.co_filename):
-            self.codes.add(code)
+        if event == "call":
+            self.codes.add(frame.f_code)
 
 
 def is_project(file: str) -> bool:
@@ -60,18 +59,17 @@ def is_project(file: str) -> bool:
 
 def count_code_lines(text: str) -> int:
     """Count lines of Python that are not blank, comment or docstring."""
-    lines: set[int] = set()
-    skipped = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT,
-               tokenize.ENDMARKER, tokenize.ENCODING)  # fmt: skip
-    for token in tokenize.generate_tokens(io.StringIO(text).readline):
-        if token.type not in skipped:
-            lines.update(range(token.start[0], token.end[0] + 1))
+    numbered = enumerate(text.splitlines(), 1)
+    lines = {number for number, line in numbered if line.strip() and line.lstrip()[0] != "#"}
+    docstrings: set[int] = set()
     for node in ast.walk(ast.parse(text)):
         kinds = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
         if isinstance(node, kinds) and ast.get_docstring(node, clean=False) is not None:
             docstring = node.body[0]
-            lines.difference_update(range(docstring.lineno, docstring.end_lineno + 1))
-    return len(lines)
+            docstrings.update(range(docstring.lineno, docstring.end_lineno + 1))
+        elif isinstance(node, ast.Constant | ast.JoinedStr):  # blank lines of a text count
+            lines.update(range(node.lineno, node.end_lineno + 1))
+    return len(lines - docstrings)
 
 
 def source_lines() -> dict[str, int]:
@@ -93,13 +91,18 @@ def _is_script(path: Path) -> bool:
 
 def count_statements(code: CodeType) -> int:
     """Count the statements of a function, without its docstring and nested functions."""
-    tree = ast.parse(Path(code.co_filename).read_text())
-    for node in ast.walk(tree):
-        named = isinstance(node, ast.FunctionDef) and node.name == code.co_name
+    for node in _find_functions(code.co_filename):
+        named = node.name == code.co_name
         first = min([node.lineno, *(d.lineno for d in node.decorator_list)]) if named else 0
         if named and first == code.co_firstlineno:
             return sum(1 for _ in _statements(node)) - (ast.get_docstring(node) is not None)
     raise ValueError(f"{code.co_filename} has no function {code.co_name}")
+
+
+@cache
+def _find_functions(file: str) -> list[ast.FunctionDef]:
+    nodes = ast.walk(ast.parse(Path(file).read_text()))
+    return [node for node in nodes if isinstance(node, ast.FunctionDef)]
 
 
 def _statements(node: ast.AST) -> Iterator[ast.stmt]:

@@ -15,7 +15,9 @@ FOLDER = Path(__file__).resolve().parents[2] / "benchmarks"
 # What a benchmark is run with, and bounds of the figures whose dotted names match.
 RUNS = {
     "browse": (["--runs", "400"], {"reading_s": (0, 60), "longest_answer_s": (0, 30)}),
-    "camera_contact_sheet": (["--out", "{folder}/sheet.png"], {}),
+    "camera_contact_sheet": (
+        ["--out", "{folder}/sheet.png", "--only", "depth", "segm", "mono8", "bayer", "blur"], {},
+    ),
     "core_size": (
         ["--images", "3"],
         {"imported modules": (20, 400), "lines of executed modules": (1e3, 3e4),
@@ -35,8 +37,8 @@ RUNS = {
     ),
     "moments": (["--repeats", "2", "--rounds", "1"], {r"cases\..*\.ours.*": (1e-3, 1e4)}),
     "peers": (
-        ["--images", "60", "--rounds", "1", "--only", "this simulator", "PyBullet"],
-        {"this simulator, .*": (0.1, 1e3), "PyBullet": (0.1, 1e4)},
+        ["--images", "20", "--rounds", "1", "--only", "simulator, exact", "PyBullet"],
+        {"this simulator, exact": (0.1, 1e3), "PyBullet": (0.1, 1e4)},
     ),
     "render": (
         ["--poses", "1", "--patience", "1", "--sizes", "320x240"],
@@ -52,14 +54,13 @@ RUNS = {
         {"short.runs": (2, 2), "short.0 workers.seconds": (0, 600), "short.identical": (1, 1)},
     ),
     "startup": (
-        ["--repeats", "1", "--runs", "2", "help", "free camera"],
-        {r"now\.help": (0.005, 1), r"now\.free camera": (0.05, 60)},
+        ["--repeats", "1", "--runs", "2", "help", "table"],
+        {r"now\.help": (0.005, 1), r"now\.table": (0.05, 60)},
     ),
 }  # fmt: skip
 # tests/integration/test_benchmarks.py runs those that need no other Debian package.
 ON_A_GRAPH = {"calibrate_live", "nodes_cost", "original_controllers", "show_chessboard"}
-# What counts the modules of its process, its memory, or starts others of its own.
-APART = {"core_size", "loop", "peers", "startup"}
+APART = {"core_size"}  # counts the modules of its process
 ELSEWHERE = {"memory"}  # unit/bench/test_memory.py runs it
 IMPORTED = {"checkout", "graph"}  # by the others
 

@@ -19,19 +19,15 @@ TIMEOUT = 600  # s for one cell
 ERASE = "\x1b[K"  # erases the rest of a line on a terminal
 
 
-def execute(
-    path: Path, folder: Path, replaced: Mapping[str, str] | None = None
-) -> nbformat.NotebookNode:
-    """Execute a notebook in a folder, and return it with its outputs, without times.
+def read(path: Path, replaced: Mapping[str, str] | None = None) -> nbformat.NotebookNode:
+    """Read a notebook.
 
     Args:
-        path: the notebook; the file is not changed.
-        folder: working directory of the cells.
-        replaced: texts of code cells, with what is executed instead, such as fewer repeats.
+        path: the notebook.
+        replaced: texts of code cells, with what replaces them, such as fewer repeats.
 
     Raises:
         ValueError: a text to be replaced is in no cell.
-        nbclient.exceptions.CellExecutionError: a cell failed; the message has its traceback.
     """
     notebook = nbformat.read(path, as_version=4)
     for old, new in (replaced or {}).items():
@@ -41,11 +37,19 @@ def execute(
             raise ValueError(f"{path}: no code cell contains {old!r}")
         for cell in cells:
             cell.source = cell.source.replace(old, new)
-    client = NotebookClient(
+    return notebook
+
+
+def execute(notebook: nbformat.NotebookNode, folder: Path) -> None:
+    """Execute a notebook in a folder, and store its outputs in it, without times.
+
+    Raises:
+        nbclient.exceptions.CellExecutionError: a cell failed; the message has its traceback.
+    """
+    NotebookClient(
         notebook, timeout=TIMEOUT, kernel_name="python3", record_timing=False,
         resources={"metadata": {"path": str(folder)}},
-    )  # fmt: skip
-    return client.execute()
+    ).execute()  # fmt: skip
 
 
 def reduce_progress(notebook: nbformat.NotebookNode) -> None:
@@ -76,8 +80,9 @@ def main(argv: list[str] | None = None) -> int:
         sys.exit(f"there is no notebook {', '.join(sorted(unknown))}; there are: {known}")
     for path in paths:
         if not names or path.stem in names:
+            notebook = read(path)
             with tempfile.TemporaryDirectory() as folder:
-                notebook = execute(path, Path(folder))
+                execute(notebook, Path(folder))
             reduce_progress(notebook)
             nbformat.write(notebook, path)
             print(f"{path}: {path.stat().st_size / 1e3:.0f} kB")

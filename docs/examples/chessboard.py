@@ -62,7 +62,7 @@ def record(folder: Path, views: int = 15) -> None:
         q = arm.inverse_kinematics(tilt.matrix() @ above.matrix(), q)
         for name, position in zip(arm.names, q, strict=True):
             robot.command(f"{name}_position_controller", position)
-        for _ in range(1500):  # the arm moves to the view and stops
+        for _ in range(700):  # the arm moves to the view and stops
             simulation.step()
         frames.clear()
         camera.enabled = True

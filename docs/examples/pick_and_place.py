@@ -118,13 +118,13 @@ class Hand:
         self.joints = loop.plant.read_joints()[0]
         self.camera = self.arm.pose(self.joints)
 
-    def go(self, camera: np.ndarray, speed: float = 0.15) -> None:
+    def go(self, camera: np.ndarray, speed: float = 0.2) -> None:
         """Move the camera to a pose (4, 4) in the world by a smooth joint motion.
 
         speed: mean speed of the camera, m/s.
         """
         displacement = camera[:3, 3] - self.camera[:3, 3]
-        count = max(int(1000.0 * np.linalg.norm(displacement) / speed), 1000)
+        count = max(int(1000.0 * np.linalg.norm(displacement) / speed), 700)
         start, end = self.joints, self.arm.inverse_kinematics(camera, self.joints)
         for k in range(1, count + 1):
             part = 0.5 - 0.5 * math.cos(math.pi * k / count)

@@ -1,6 +1,7 @@
 """Output of the gallery's examples: folder, report, picture, and one line per run.
 
-With `--no-report` after the folder, an example writes no report.
+With `--no-report` after the folder, an example writes no report. Settings after the folder, such as
+`gain=4`, override those of the example.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ import sys
 from pathlib import Path
 
 from aras_visual_servo_bench import Experiment, Run, run_with_images, save_figure, write_report
+from aras_visual_servo_bench.experiment.overrides import parse_overrides
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 
@@ -24,7 +26,9 @@ def folder() -> Path:
 def report_runs(experiments: dict[str, Experiment], figure: str) -> list[Run]:
     """Run named experiments; write their report, and one of its figures as picture.png."""
     out = folder()
-    runs = [run_with_images(experiment, name) for name, experiment in experiments.items()]
+    changes = parse_overrides(word for word in sys.argv[2:] if "=" in word)
+    runs = [run_with_images(experiment.with_changes(**changes), name)
+            for name, experiment in experiments.items()]  # fmt: skip
     if "--no-report" not in sys.argv[2:]:
         print(write_report(runs, out, ())[0])
     save_figure(runs, figure, out / "picture.png")

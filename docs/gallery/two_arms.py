@@ -30,7 +30,7 @@ CAMERA = """<model name='room'><static>1</static><pose>2.1 0 1.3 0 0.52 3.14159<
   </sensor></link></model>"""
 SIDES = {"left": 0.7, "right": -0.7}  # y of the base of each arm, m
 OFFSETS = ((0.12, -0.08, 0.1, 0.05, -0.05, 0.2), (-0.1, 0.05, -0.1, 0.0, 0.1, -0.25))  # rad
-ABOVE, DURATION = 0.25, 5.0  # distance from camera to target at the goal, m; time, s
+ABOVE, DURATION = 0.25, 2.0  # distance from camera to target at the goal, m; time, s
 
 
 def make_world() -> str:
@@ -82,7 +82,7 @@ class ServoedArm:
 
     def teach(self):
         """Teach the goal with the latest image, and make the loop."""
-        scheme = create_scheme("points", create_law("proportional", gain=2.0))
+        scheme = create_scheme("points", create_law("proportional", gain=4.0))
         seen = self.observe(self.images[-1], FeatureObserver(self.arm, scheme.needs))
         goal = Goal.teach(scheme, seen, depth=ABOVE)
         self.servo = Servo(scheme, self.arm, goal, DifferentialIK(self.arm))
@@ -126,7 +126,7 @@ advance(0.1)
 for arm, offset in zip(arms, OFFSETS, strict=True):
     arm.teach()
     arm.command(arm.goal + np.array(offset))  # the start
-advance(0.6)
+advance(0.3)
 hands = [arm.images[-1].image for arm in arms]
 advance(DURATION, ServoedArm.update)
 for arm, name in zip(arms, SIDES, strict=True):

@@ -1,6 +1,5 @@
 """The gallery's examples work, and the gallery and the front page show all of them."""
 
-import os
 import runpy
 import sys
 
@@ -13,6 +12,14 @@ sys.path.append(str(ROOT / "docs"))
 import gallery_page  # noqa: E402
 
 PAGE = ROOT / "docs" / "gallery.md"
+HOLD, SMALL = "controller_parameters.hold=0.3", ("camera.width=160", "camera.height=120")
+# What makes the examples shorter, where it is not a short hold and a higher gain.
+SHORTER = {
+    "study": ["repeats=1", "duration=0.2", "vary.gain=[1.0,4.0]", "vary.delay=[0.05,0.2]"],
+    "failure": [HOLD], "moving_target": ["--no-report"],
+    "own_camera": ["--no-report", HOLD, "gain=4", *SMALL],
+    "photometric": ["--no-report", HOLD, "gain=4", *SMALL],
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", gallery_page.NAMES)
@@ -21,12 +28,10 @@ def test_an_example_of_the_gallery(name, tmp_path, monkeypatch):
     scripts = ROOT / "docs" / "gallery"
     monkeypatch.syspath_prepend(str(scripts))
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))  # of programs that it starts
     if name == "public_robot":
         pytest.importorskip("cmeel", reason="example-robot-data is not installed")
     # One report of those that report_runs writes shows that it does.
-    quick = {"study": ["repeats=1", "duration=0.2", "vary.gain=[1.0,4.0]"], "failure": []}
-    arguments = quick.get(name, ["--no-report"])
+    arguments = SHORTER.get(name, ["--no-report", HOLD, "gain=4"])
     monkeypatch.setattr(sys, "argv", [f"{name}.py", str(tmp_path / "out"), *arguments])
     modules = set(sys.modules)
     try:

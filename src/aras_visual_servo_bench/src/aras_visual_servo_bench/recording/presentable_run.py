@@ -72,18 +72,19 @@ class PresentableRun:
             return import_later(f"{write}:save_figure")(runs, name, path)
         return import_later(f"{write}:draw_figure")(runs, name)
 
-    def report(self, path: str | Path, others: Sequence[Any] = ()) -> Path:
+    def report(self, path: str | Path, others: Sequence[Any] = (), **settings: Any) -> Path:
         """Write the report of the run into a folder, as `write_report` does.
 
         Args:
             path: folder, created if necessary.
             others: further runs, which are compared with this one.
+            settings: further arguments of `write_report`, such as kinds=("pdf",).
 
         Returns:
             The path of the report's page.
         """
         write_report = import_later(f"{PACKAGE}.web.report.write:write_report")
-        return write_report([self, *others], Path(path))[0]
+        return write_report([self, *others], Path(path), **settings)[0]
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return a table with one row per processed image.

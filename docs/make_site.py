@@ -35,8 +35,10 @@ def main(argv: list[str] | None = None) -> int:
     arguments += ["-E"] if options.fresh else []
     # Sphinx keeps almost all objects; with the default thresholds the garbage collector takes a
     # third of the time.
-    gc.set_threshold(100_000, 50, 100)
+    thresholds = gc.get_threshold()
+    gc.set_threshold(1_000_000, 50, 100)
     status = build_main([*arguments, str(ROOT), str(out)])
+    gc.set_threshold(*thresholds)
     if status == 0:
         print(f"{out}/index.html")
     return status

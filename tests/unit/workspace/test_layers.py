@@ -79,11 +79,22 @@ def absolute_names(node: ast.AST, file: Path) -> set[str]:
 
 
 @cache
-def imports(file: Path) -> frozenset[str]:
+def statements(file: Path) -> tuple[list[ast.stmt], list[ast.stmt]]:
+    """Return the statements of `file` at its top, and its imports and classes anywhere."""
+    module = ast.parse(file.read_text(), str(file))
+    kinds = ast.Import | ast.ImportFrom | ast.ClassDef
+    return module.body, [node for node in ast.walk(module) if isinstance(node, kinds)]
+
+
+def names_of(nodes: list[ast.stmt], file: Path) -> set[str]:
+    return set().union(*(absolute_names(node, file) for node in nodes
+                         if isinstance(node, ast.Import | ast.ImportFrom)))  # fmt: skip
+
+
+@cache
+def imports(file: Path) -> set[str]:
     """Absolute names of all modules that `file` imports, wherever and however it does."""
-    nodes = ast.walk(ast.parse(file.read_text(), str(file)))
-    return frozenset().union(*(absolute_names(node, file) for node in nodes
-                               if isinstance(node, ast.Import | ast.ImportFrom)))  # fmt: skip
+    return names_of(statements(file)[1], file)
 
 
 def room_of(package: str, path: tuple[str, ...]) -> str:
@@ -166,9 +177,7 @@ def test_floors_below_the_skin_know_no_ros(package: str) -> None:
 
 def imported_at_once(file: Path) -> set[str]:
     """Return the imports that are executed when `file` is imported, without those for types."""
-    body = ast.parse(file.read_text(), str(file)).body
-    return set().union(*(absolute_names(n, file) for n in body
-                         if isinstance(n, ast.Import | ast.ImportFrom)))  # fmt: skip
+    return names_of(statements(file)[0], file)
 
 
 def test_no_modules_import_each_other() -> None:
@@ -207,7 +216,7 @@ def test_a_class_name_is_used_once() -> None:
     """A reader who meets a class in two modules is not to wonder whether it is the same one."""
     places: dict[str, list[str]] = {}
     for file in SOURCES.rglob("*.py"):
-        for node in ast.walk(ast.parse(file.read_text(), str(file))):
+        for node in statements(file)[1]:
             if isinstance(node, ast.ClassDef):
                 places.setdefault(node.name, []).append(str(file.relative_to(SOURCES)))
     assert {name: found for name, found in places.items() if len(found) > 1} == {}

@@ -265,8 +265,8 @@ def test_files_that_are_no_meshes_and_large_textures_are_refused_unread(tmp_path
 
 def test_what_is_too_much_is_refused_before_it_is_read(tmp_path):
     path, most = tmp_path / "a.stl", MOST_TRIANGLES
-    assert most <= 300_000, "a million held simulated time up for 16 s"
-    faces = b"".join(b"f 1 2 %d\n" % (3 + k % 2) for k in range(most + 1))
+    large = b"f 1 2%b\n" % (b" 3 4" * 500)  # 1000 triangles
+    faces = large * (most // 1000 - 1) + b"f 1 2 3\n" * 1000
     (tmp_path / "a.obj").write_bytes(obj() + b"\n" + faces)
     with path.open("wb") as file:
         file.write(bytes(80) + struct.pack("<I", most + 1))

@@ -36,7 +36,7 @@ def whole(tmp_path_factory):
     return path
 
 
-@settings(max_examples=12)
+@settings(max_examples=6)
 @given(data=st.data())
 def test_it_goes_on_to_the_same_bytes(whole, data, tmp_path):
     """Parts lost, cut, grown, swapped, or written half when the power went."""

@@ -79,24 +79,16 @@ def test_what_was_compiled_for_the_sources_serves_their_copies_unless_they_diffe
     assert looped() == (1, 6.0)
 
 
-def run(source: Path, *words: str) -> subprocess.CompletedProcess:
-    """Run Python with the packages of a folder on its path."""
-    return subprocess.run(
-        [sys.executable, *words], env={**os.environ, "PYTHONPATH": f"{source}:{LIBRARY}"}, cwd="/",
-        capture_output=True, text=True,
-    )  # fmt: skip
-
-
 @pytest.mark.parametrize("processes", [1, 2])
 def test_packages_are_compiled_side_by_side_and_one_that_is_not_there_is_named(
-    packages, processes
+    packages, processes, capsys
 ):
-    source = packages[0] / "source"
-    done = run(source, "-m", "aras_visual_servo_base.compile_packages", "nothing", "looping",
-               f"--processes={processes}")  # fmt: skip
-    assert done.returncode == 1
-    assert done.stderr == ("compile_packages: there is no package nothing on PYTHONPATH; build and "
-                           "source the workspace\n")  # fmt: skip
+    folder, use = packages
+    use(source := folder / "source")
+    assert compile_packages.main(["nothing", "looping", f"--processes={processes}"]) == 1
+    assert capsys.readouterr().err == (
+        "compile_packages: there is no package nothing on PYTHONPATH; build and source the "
+        "workspace\n")  # fmt: skip
     assert len(kept(source)) == 2
 
 
@@ -156,10 +148,11 @@ def test_the_compiled_fraction_is_reported(packages):
 def test_a_full_disk_ends_the_compilation_with_one_line(packages):
     """A limit of 0 bytes for new files fails as a full disk does."""
     source = packages[0] / "source"
-    done = run(source, "-c", "import resource, sys; "
-               "from aras_visual_servo_base.compile_packages import main; "
-               "resource.setrlimit(resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY)); "
-               "sys.exit(main(['looping']))")  # fmt: skip
+    code = ("import resource, sys; from aras_visual_servo_base.compile_packages import main; "
+            "resource.setrlimit(resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY)); "
+            "sys.exit(main(['looping']))")  # fmt: skip
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd="/",
+                          env={**os.environ, "PYTHONPATH": f"{source}:{LIBRARY}"})  # fmt: skip
     assert done.returncode == 1 and not kept(source)
     (line,) = done.stderr.splitlines()
     assert "cannot be cached (File too large)" in line

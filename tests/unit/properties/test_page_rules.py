@@ -2,7 +2,7 @@
 
 import json
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from aras_visual_servo_bench.errors import RefusedRequestError
@@ -25,6 +25,7 @@ CHOICES = {
 }
 
 
+@settings(max_examples=250)
 @given(st.sampled_from([*REQUESTS, "rm", ""]) | st.text(max_size=5),
        st.dictionaries(st.sampled_from(FIELDS), JUNK | st.floats(-0.1, 0.1)
                        | st.just("moments") | st.integers(1, 9), max_size=6))  # fmt: skip

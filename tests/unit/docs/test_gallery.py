@@ -17,8 +17,7 @@ HOLD, SMALL = "controller_parameters.hold=0.3", ("camera.width=160", "camera.hei
 SHORTER = {
     "study": ["repeats=1", "duration=0.2", "vary.gain=[1.0,4.0]", "vary.delay=[0.05,0.2]"],
     "failure": [HOLD], "moving_target": ["--no-report"],
-    "own_camera": ["--no-report", HOLD, "gain=4", *SMALL],
-    "photometric": ["--no-report", HOLD, "gain=4", *SMALL],
+    **dict.fromkeys(("own_camera", "photometric"), ["--no-report", HOLD, "gain=4", *SMALL]),
 }  # fmt: skip
 
 

@@ -24,10 +24,9 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).parents[2]
 FAILED = pytest.StashKey[bool]()
 LONGEST = (  # files whose tests take longest, these first
-    "test_dashboard", "test_solid_on_the_graph", "test_controller_node",
-    "test_several_cameras_on_the_graph", "test_demo", "test_bridge_lockstep",
-    "test_runner_equals_graph", "test_any_arm", "test_camera_node", "test_faults", "test_docs",
-    "test_bridge_controller_manager", "test_stock_robots")
+    "test_dashboard", "test_demo", "test_faults", "test_solid_on_the_graph",
+    "test_benchmarks", "test_controller_node", "test_runner_equals_graph",
+    "test_several_cameras_on_the_graph", "test_any_arm", "test_bridge", "test_stock_robots")
 
 
 def _is_sourced() -> bool:

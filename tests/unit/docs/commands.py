@@ -246,7 +246,7 @@ def pip(words: Words, folder: Path) -> None:
 
 
 def subcommand(*known: str) -> Callable[[Words, Path], None]:
-    """Accept these first words; tests/integration/test_docs.py checks services on a graph."""
+    """Accept these first words; tests/integration/test_controller_node.py calls them on a graph."""
     def check(words: Words, folder: Path) -> None:
         assert words[1] in known, words
 

@@ -10,10 +10,13 @@ Both run against the machine they were made for: `joint_friction:=false`, the se
 which needs a machine of one's own.
 
     . devel/setup.bash && .venv/bin/python tests/benchmarks/original_controllers.py [first|second]
+
+With --gain the steps, and with --rest the time at rest at the poses, differ from the originals'.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import math
 import os
@@ -37,7 +40,7 @@ START = {
 }  # fmt: skip
 NEAR = 0.01  # rad or m: so near to its command must every joint be before the next step
 THRESHOLDS = np.array([0.001, 0.003, 0.005, 0.001])
-GAIN = 0.02  # of a step
+GAIN, REST = 0.02, 3.0  # of a step; s of simulated time at rest at a pose
 WITHIN = {"first": 45.0, "second": 300.0}  # s of simulated time
 PATIENCE = 60.0  # s of simulated time to come to rest at a pose
 STANDS = 60.0  # s of wall time after which a simulation that tells nothing has stopped
@@ -88,7 +91,7 @@ def build(directory: Path) -> Path:
 class Controller:
     """Common parts of both generations: the gate, the steps, the flood of commands."""
 
-    def __init__(self, program: Path) -> None:
+    def __init__(self, program: Path, gain: float, rest: float) -> None:
         import rospy
         from sensor_msgs.msg import JointState
         from std_msgs.msg import Float64MultiArray
@@ -96,6 +99,7 @@ class Controller:
         self._flood = subprocess.Popen(
             [program, *COMMANDS], stdin=subprocess.PIPE, stdout=subprocess.PIPE
         )
+        self.gain, self._rest = gain, rest
         self.joints: np.ndarray | None = None
         self.features: np.ndarray | None = None
         self.steps = 0
@@ -128,8 +132,8 @@ class Controller:
         self.steps += 1
         return self.features
 
-    def rest(self, seconds: float) -> None:
-        end = self.now + seconds
+    def rest(self) -> None:
+        end = self.now + self._rest
         self._wait(lambda: self.now >= end, math.inf, str)
 
     def begin(self) -> None:
@@ -154,22 +158,22 @@ class Controller:
             return float(said.read())
 
 
-def settle(controller: Controller, q: tuple[float, ...], seconds: float) -> np.ndarray:
+def settle(controller: Controller, q: tuple[float, ...]) -> np.ndarray:
     """Return the features with the arm at rest at q; they are the taught goal."""
     end = controller.now + PATIENCE
     controller.reach(np.array(q), end)
-    controller.rest(seconds)
+    controller.rest()
     return controller.reach(np.array(q), end)
 
 
 def first(controller: Controller) -> dict[str, object]:
     """Servo with the gantry until the kernel feature along its axis has the taught value."""
-    taught = settle(controller, GOAL["first"], 3.0)[16:]
+    taught = settle(controller, GOAL["first"])[16:]
     q = np.array(START["first"])
     q[1:] = GOAL["first"][1:]
     probe = q - [0.02, 0, 0, 0, 0, 0]
-    far = settle(controller, tuple(q), 1.0)[16:]
-    slopes = (far - settle(controller, tuple(probe), 1.0)[16:]) / 0.02
+    far = settle(controller, tuple(q))[16:]
+    slopes = (far - settle(controller, tuple(probe))[16:]) / 0.02
     along = int(np.argmax(np.abs(slopes[:2]) / np.abs(taught[:2])))
     began = controller.now
     end = began + WITHIN["first"]
@@ -177,7 +181,7 @@ def first(controller: Controller) -> dict[str, object]:
         while controller.now < end:
             seen = controller.reach(q, end)[16:]
             error = (seen[along] - taught[along]) / slopes[along]
-            q[0] -= GAIN * error
+            q[0] -= controller.gain * error
             if abs(error) < 5e-4:
                 break
     except TimeoutError as error:
@@ -195,7 +199,7 @@ def second(controller: Controller) -> dict[str, object]:
 
     arm = Arm.from_urdf(rospy.get_param("robot_description"))
     order = [COMMANDED.index(name) for name in arm.names]
-    taught = settle(controller, GOAL["second"], 3.0)
+    taught = settle(controller, GOAL["second"])
     depth = arm.pose(np.array(GOAL["second"])[order])[2, 3] - 0.59  # m above the target's plane
 
     def features(data: np.ndarray) -> np.ndarray:
@@ -213,9 +217,9 @@ def second(controller: Controller) -> dict[str, object]:
             error[3] = (error[3] + math.pi / 2) % math.pi - math.pi / 2
             # twist (vx, vy, vz, wz) for which the features go back, as the moments' theory has it
             x, y = now[0], now[1]
-            wz = GAIN * error[3]
-            twist = np.array([GAIN * error[0] + y * wz, GAIN * error[1] - x * wz,
-                              GAIN * error[2], wz])  # fmt: skip
+            gain, wz = controller.gain, controller.gain * error[3]
+            twist = np.array([gain * error[0] + y * wz, gain * error[1] - x * wz,
+                              gain * error[2], wz])  # fmt: skip
             J = arm.jacobian(q[order])
             # no turning about the image's axes that the arm can help (wy is of its five)
             task = np.vstack([J[[0, 1, 2, 5]], 0.1 * J[[3, 4]]])
@@ -229,10 +233,12 @@ def second(controller: Controller) -> dict[str, object]:
 
 
 def main() -> int:
-    which = sys.argv[1] if len(sys.argv) > 1 else "second"
-    if which not in GOAL:
-        print(f"which generation: first or second, not {which}", file=sys.stderr)
-        return 2
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("which", nargs="?", choices=GOAL, default="second", help="generation")
+    parser.add_argument("--gain", type=float, default=GAIN, help="of a step")
+    parser.add_argument("--rest", type=float, default=REST, help="simulated time, s")
+    options = parser.parse_args()
+    which = options.which
     preset = "calibrated" if which == "second" else "original"
     with tempfile.TemporaryDirectory() as temporary:
         program = build(Path(temporary))
@@ -243,7 +249,7 @@ def main() -> int:
                  f"_layout:={layout}"], env=os.environ,
             )  # fmt: skip
             try:
-                controller = Controller(program)
+                controller = Controller(program, options.gain, options.rest)
                 controller.begin()
                 use = Use(pid)
                 found = {"first": first, "second": second}[which](controller)

@@ -228,7 +228,7 @@ class Launch:
         self.log = master.directory / f"launch-{self.id[:8]}.txt"
         self._output = self.log.open("w")
         # It asks the master twice for each time it publishes, 50 a second if nothing is said.
-        master.api.setParam("/robot_state_publisher/publish_frequency", 5.0)
+        master.api.setParam("/robot_state_publisher/publish_frequency", 1.0)
         self.process = subprocess.Popen(["roslaunch", "--screen",
                                          f"--sigint-timeout={SIGINT_AFTER}", *target,
                                          *(_argument(k, v) for k, v in arguments.items())],

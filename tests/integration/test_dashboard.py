@@ -237,20 +237,10 @@ def test_a_moved_goal(viewer):
     viewer.wait("converged")
 
 
-def test_the_camera_is_changed_while_the_nodes_run(viewer):
-    """The loop continues with the new camera's images."""
-    viewer.do("start")
-    viewer.do("camera", preset="wide")
-    wait_for(lambda: viewer.told["state"]["camera"] == "wide", 20.0, "the name of the camera")
-    last = viewer.told["stamp"]
-    wait_for(lambda: [row for row in viewer.samples if row[0] > last + 0.5], 60.0, "samples")
-    viewer.wait("converged")
-
-
 def test_a_bag_is_recorded_and_reported_on_and_a_goal_taught(viewer, directory, port):
     viewer.do("record")
     assert viewer.ask("report")[0] is False
-    time.sleep(2.0)
+    time.sleep(1.5)
     viewer.do("stop_record")
     assert list(directory.glob("bags/*.bag"))
     viewer.do("pause")
@@ -263,3 +253,13 @@ def test_a_bag_is_recorded_and_reported_on_and_a_goal_taught(viewer, directory, 
         assert b"aras_visual_servo_bench analyze" in page.read()
     viewer.do("teach", name="mine")
     wait_for(lambda: "mine" in viewer.told["choices"]["goals"], 20.0, "the taught goal")
+
+
+def test_the_camera_is_changed_while_the_nodes_run(viewer):
+    """The loop continues with the new camera's images."""
+    viewer.do("start")
+    viewer.do("camera", preset="wide")
+    wait_for(lambda: viewer.told["state"]["camera"] == "wide", 20.0, "the name of the camera")
+    last = viewer.told["stamp"]
+    wait_for(lambda: [row for row in viewer.samples if row[0] > last + 0.5], 60.0, "samples")
+    viewer.wait("converged")

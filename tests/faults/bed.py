@@ -86,12 +86,12 @@ class Bed:
     def _settle(self) -> None:
         """Wait until all connections exist, so that they do not count as a leak."""
         before: dict[str, tuple[int, int]] = {}
-        for _ in range(20):
+        for _ in range(40):
             now = {node: figures[:2] for node, figures in self.resources().items()}
             if now == before:
                 return
             before = now
-            time.sleep(1.0)
+            time.sleep(0.5)
 
     def launch(self, file: str, nodes: Any, **arguments: Any) -> Launch:
         """Start a launch file of the robot, and return when its nodes exist; stop() ends it."""

@@ -55,7 +55,7 @@ def garbage(bed: Bed, scale: float, seed: int) -> Outcome:
                 except (rospy.ROSException, rospy.ROSSerializationException):
                     continue  # rospy itself refuses it
                 outcome.injected += 1
-            time.sleep(0.3)
+            time.sleep(min(0.05 * each, 0.3))
             publisher.unregister()
             judged(bed, outcome, each, f"after garbage on {topic}")
         outcome.survived = min(outcome.survived, outcome.injected)

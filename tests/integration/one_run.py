@@ -6,6 +6,7 @@ They are compared by `tests/one_run`; one in test_runner_equals_graph.py.
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import os
 import re
@@ -13,6 +14,7 @@ import signal
 import sys
 import tempfile
 import time
+import xmlrpc.client
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -23,11 +25,12 @@ import rosbag
 import rospy
 import yaml
 from aras_visual_servo_controller.msg import ServoReport, ServoState
+from controller_manager_msgs.srv import ListControllers
+from gazebo_calls import call
 from ros_graph import Collector, GraphError, Launch, RosMaster, wait_for
 from sensor_msgs.msg import Image, JointState
 from std_msgs.msg import String
 from std_srvs.srv import Empty
-from test_bridge_lockstep import COMMANDS, ROBOT, all_running, call, connections
 
 from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.metrics.summary import summarise
@@ -39,8 +42,12 @@ from aras_visual_servo_bench.ros.bag import read_bag
 from aras_visual_servo_bench.ros.describe import collect_description
 from aras_visual_servo_bench.runner.loop import Loop
 from aras_visual_servo_bench.setup.assembly import assemble
+from aras_visual_servo_controller.observation.frame import Frame
 from aras_visual_servo_ros.parameters import get_parameter
 
+ROBOT = "/aras_visual_servo"
+COMMANDS = [f"{ROBOT}/{name}_position_controller/command"
+            for name in ("gantry", "joint1", "joint2", "joint3", "joint5", "joint6")]
 AWAY = (0.05, 0.02, 0.1, -0.05, -0.05, 0.1)
 TURNED = (0.02, -0.03, -0.05, 0.08, 0.02, -0.3)
 HIGH = (0.07, 0.01, -0.15, 0.09, 0.06, 0.2)
@@ -155,10 +162,23 @@ def _cases() -> Iterable[Case]:
     yield Case("moments/camera moved", **_moved(0.0, 0.02, 0.005))
     yield Case("points/camera moved", "points", **_moved(0.0, -0.01, 0.003))
     yield Case("moments/one process", nodes={"one_process": "true"})
+    yield Case("points/one process", "points", nodes={"one_process": "true"}, **_delayed(0.02))
     yield Case("moments/no friction", robot={"joint_friction": "false"}, keys={"friction": False})
 
 
 CASES = {case.name: case for case in _cases()}
+
+
+def all_running() -> bool:
+    controllers = call(f"{ROBOT}/controller_manager/list_controllers", ListControllers).controller
+    return len(controllers) == 7 and all(c.state == "running" for c in controllers)
+
+
+def connections(master: RosMaster, node: str) -> set[tuple[str, str]]:
+    """Return (direction, topic) of the node's live connections."""
+    api = xmlrpc.client.ServerProxy(master.api.lookupNode(node))
+    _, _, links = api.getBusInfo("/tests")
+    return {(link[2], link[4]) for link in links if link[5]}
 
 
 def recorded(heard: GraphRecording, path: Path) -> Run:
@@ -175,8 +195,9 @@ def recorded(heard: GraphRecording, path: Path) -> Run:
 
 
 def on_the_graph(launch: Callable[..., Launch], master: RosMaster, case: Case, goal: str,
-                 folder: Path) -> GraphRecording:
-    """Return all messages of joint states and controller up to the last frame."""
+                 folder: Path) -> tuple[GraphRecording, dict[int, str]]:
+    """Return all messages of joint states and controller up to the last frame, and the hashes of
+    the images by their stamps."""
     arguments = dict(case.nodes)
     if case.parameters:
         file = folder / "parameters.yaml"
@@ -199,9 +220,9 @@ def on_the_graph(launch: Callable[..., Launch], master: RosMaster, case: Case, g
              "all nodes to be connected")
     for collector in heard:
         wait_for(collector.connected, 5.0, collector.topic)
-    call("/gazebo/unpause_physics", Empty)
+    call("unpause_physics", Empty)
     images.wait(case.frames, timeout=60.0 * case.frames / FRAMES)
-    call("/gazebo/pause_physics", Empty)
+    call("pause_physics", Empty)
     last = images.messages[case.frames - 1].header.stamp
     told = GraphRecording(Path("the graph"))
     told.states = [m for m in states.messages if m.header.stamp <= last]
@@ -213,19 +234,32 @@ def on_the_graph(launch: Callable[..., Launch], master: RosMaster, case: Case, g
     output = robot.output()
     for collector in heard:
         collector.close()
+    ended = master.nodes() - {rospy.get_name()}
     nodes.stop()
     robot.stop()
+    assert {"/gazebo", "/controller_spawner", f"{ROBOT}_controller"} <= ended
+    # Or the master would end nodes that later get their addresses, when these names start again.
+    assert not [name for name in ended if master.knows(name)]
     assert "lockstep: after waiting" not in output, output[-2000:]
-    return told
+    return told, {m.header.stamp.to_nsec(): hashlib.sha256(m.data).hexdigest()
+                  for m in images.messages[: case.frames]}  # fmt: skip
 
 
-def in_the_runner(experiment: Experiment, last_ns: int) -> Run:
-    """Return the run of the runner, up to the first image after a time."""
-    loop = Loop(experiment, assemble(experiment))
+def in_the_runner(experiment: Experiment, last_ns: int) -> tuple[Run, dict[int, str]]:
+    """Return the run of the runner, up to the first image after a time, and hashes of its images.
+    """
+    hashes = {}
+
+    def hash_image(_: Loop, frame: Frame) -> None:
+        if frame.image is not None:
+            image = frame.image if frame.encoding == "rgb8" else frame.image[..., ::-1]
+            hashes[frame.stamp_ns] = hashlib.sha256(image.tobytes()).hexdigest()
+
+    loop = Loop(experiment, assemble(experiment), on_frame=hash_image)
     try:
         while loop.plant.time_ns <= last_ns:
             loop.run_to_image()
-        return loop.make_run()
+        return loop.make_run(), hashes
     finally:
         loop.close()
 
@@ -252,9 +286,9 @@ def differences(case: Case, launch: Callable[..., Launch], master: RosMaster, fo
                 ) -> list[str]:  # fmt: skip
     """Return every difference between the runs of the runner, the graph and the bag."""
     goal = case.goal(folder)
-    heard = on_the_graph(launch, master, case, goal, folder)
+    heard, images = on_the_graph(launch, master, case, goal, folder)
     live, kept = MessageRunBuilder(heard).build_run("live"), recorded(heard, folder / "run.bag")
-    own = in_the_runner(case.experiment(goal), heard.joints[-1].header.stamp.to_nsec())
+    own, own_images = in_the_runner(case.experiment(goal), heard.joints[-1].header.stamp.to_nsec())
     count, rows = len(live.stamp), len(live.joint_stamp)
     found = []
     if count <= 10:
@@ -263,8 +297,11 @@ def differences(case: Case, launch: Callable[..., Launch], master: RosMaster, fo
         found.append("joint states are of other instants")
     else:
         off = abs(own.measured_positions[:rows] - live.measured_positions).max()
-        if off > 1e-9:
+        if off > 1e-14:
             found.append(f"joints differ by {off:.3g}")
+    other = [stamp for stamp, image in images.items() if own_images.get(stamp) != image]
+    if other:
+        found.append(f"{len(other)} of {len(images)} images differ, the first of {other[0]} ns")
     strange = np.flatnonzero(own.stamp[:count] != live.stamp)
     if strange.size:
         i = strange[0]

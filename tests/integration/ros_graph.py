@@ -27,6 +27,7 @@ from aras_visual_servo_ros.shutdown import SUBSCRIBED_PARAMETER
 
 MARK = "ARAS_TEST_GRAPH"
 WATCH = Path(__file__).parent / "watch"  # names who touches the simulation from another thread
+SLOW_CAMERA = Path(__file__).with_name("slow_camera.yaml")
 TOUCHED = "another thread touched"
 # What roslaunch and the master themselves keep on the parameter server.
 OWN_PARAMETERS = ("run_id", "rosdistro", "rosversion", "roslaunch")

@@ -17,7 +17,7 @@ import pytest
 pytest.importorskip("rospy")
 websocket = pytest.importorskip("tornado.websocket")
 
-from ros_graph import wait_for  # noqa: E402
+from ros_graph import SLOW_CAMERA, wait_for  # noqa: E402
 from tornado.httpclient import HTTPClientError  # noqa: E402
 from tornado.ioloop import IOLoop  # noqa: E402
 
@@ -104,12 +104,10 @@ def directory(tmp_path_factory):
 @pytest.fixture(scope="module")
 def graph(launch, ros_master, ros_node, taken, directory):
     """The robot with a slow camera, and the page."""
-    camera = directory / "slow.yaml"
-    camera.write_text("{horizontal_fov: 2.0, width: 320, height: 240, update_rate: 15.0}")
     for name, value in (("token", TOKEN), ("directory", str(directory))):
         ros_master.api.setParam(f"/aras_visual_servo_dashboard/{name}", value)
     return launch("aras_visual_servo_gazebo", "aras_visual_servo.launch", nodes=NODES,
-                  dashboard=True, dashboard_port=taken, clock_rate=100, camera=camera)
+                  dashboard=True, dashboard_port=taken, clock_rate=100, camera=SLOW_CAMERA)
 
 
 @pytest.fixture(scope="module")
@@ -127,11 +125,13 @@ def viewer(port):
     """Client of the page, on which the nodes have been started; at first with another scheme."""
     found = Viewer(port)
     wait_for(lambda: found.told.get("joints"), 60.0, "joints")
+    found.do("pause")  # nodes start faster
     done, why = found.ask("servo", scheme="luminance", law="proportional", start="2015",
                           goal="2016")
     assert not done
     assert why.startswith("the controller did not start: goal_2016.yaml holds no image"), why
     assert not found.phase() and not found.told["state"]["controller"]
+    found.do("resume")
     found.do("servo", scheme="moments", law="proportional", start="2016", goal="auto")
     found.wait("converged")
     yield found
@@ -241,9 +241,9 @@ def test_a_bag_is_recorded_and_reported_on_and_a_goal_taught(viewer, directory, 
     viewer.do("record")
     assert viewer.ask("report")[0] is False
     time.sleep(1.5)
+    viewer.do("pause")
     viewer.do("stop_record")
     assert list(directory.glob("bags/*.bag"))
-    viewer.do("pause")
     viewer.do("report")
     viewer.do("resume")
     wait_for(lambda: viewer.told["real_time_factor"] is not None, 20.0, "joint states")

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 from aras_visual_servo_controller.msg import ServoReport, ServoState
+from gazebo_calls import time_goes_on
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
@@ -32,7 +33,7 @@ PLATE = (0.2, 0.12, 0.0004)  # m
 CENTRE = (0.45, 0.1)  # m, of the plate
 DEPTH = 0.3  # m
 SENSOR = """<robot>
-<gazebo reference="camera_link"><sensor type="camera" name="camera"><update_rate>30</update_rate>
+<gazebo reference="camera_link"><sensor type="camera" name="camera"><update_rate>15</update_rate>
   <camera name="labrob"><horizontal_fov>2.0</horizontal_fov><image><width>320</width>
   <height>240</height><format>R8G8B8</format></image><clip><near>0.02</near><far>100</far></clip>
   </camera><plugin name="camera_controller" filename="libgazebo_ros_camera.so">
@@ -142,12 +143,13 @@ def test_another_arm_is_servoed(launch, ros_node, collect, tmp_path):
     joints = collect(f"{SPACE}/joint_states", JointState)
     robot = launch(
         "aras_visual_servo_gazebo", "aras_visual_servo.launch", nodes=["/gazebo"],
-        urdf=str(urdf), gains=str(gains), robot="panda",
+        paused=True, clock_rate=100, urdf=str(urdf), gains=str(gains), robot="panda",
         controllers=" ".join(one for one in entries if one.startswith("speed_")),
         robot_place=" ".join(f"-J {joint} {q}" for joint, q in PLACES.items()),
         target="none",  # its own plate is part of the description
     )  # fmt: skip
-    first = joints.wait(timeout=40.0)
+    with time_goes_on():
+        first = joints.wait(timeout=40.0)
     put = dict(zip(first.name, first.position, strict=True))
     assert {joint: put[joint] for joint in PLACES} == pytest.approx(PLACES, abs=1e-3)
     speeds = [collect(f"{SPACE}/{one}/command", Float64) for one in entries
@@ -157,7 +159,8 @@ def test_another_arm_is_servoed(launch, ros_node, collect, tmp_path):
                    goal=str(tmp_path / "goal.yaml"), start=str([round(float(q), 6) for q in start]),
                    gain=3.0, output="velocity")
     try:
-        states.wait(timeout=40.0, where=lambda state: state.phase == "converged")
+        with time_goes_on():
+            states.wait(timeout=40.0, where=lambda state: state.phase == "converged")
         q = arm.read_joints(joints.messages[-1].name, joints.messages[-1].position).positions
         distance, angle = pose_difference(arm.pose(reached), arm.pose(q))
         assert distance < 1e-3 and angle < np.radians(0.4)

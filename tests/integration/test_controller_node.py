@@ -15,6 +15,7 @@ import pytest
 import rospy
 from actionlib_msgs.msg import GoalStatus
 from aras_visual_servo_controller.msg import ServoState, ServoToTargetAction, ServoToTargetGoal
+from gazebo_calls import time_goes_on
 from ros_graph import SLOW_CAMERA, wait_for
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
@@ -52,12 +53,13 @@ def loop(launch, ros_node, ros_master, folder):
         path = f"{folder}{os.pathsep}{ros_master.environment['PYTHONPATH']}"
         patch.setitem(ros_master.environment, "PYTHONPATH", path)
         launch("aras_visual_servo_gazebo", "aras_visual_servo.launch", nodes=["/gazebo"],
-               camera=SLOW_CAMERA, clock_rate=100)
+               paused=True, camera=SLOW_CAMERA, clock_rate=100)
         file = "aras_visual_servo_nodes.launch"
         words = next(words for words in commands("my_scheme") if file in words)
         nodes = launch("aras_visual_servo_gazebo", file, nodes=[f"{ROBOT}_controller"],
                        **dict(word.split(":=", 1) for word in words if ":=" in word))
-        yield nodes
+        with time_goes_on():
+            yield nodes
     assert "Traceback" not in nodes.output()
 
 

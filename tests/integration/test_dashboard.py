@@ -121,7 +121,24 @@ def port(graph, taken):
 
 
 @pytest.fixture(scope="module")
-def viewer(port):
+def keyboard(graph, ros_master):
+    """A terminal, and the process of aras_teleop, which reads its keys; None without terminals."""
+    try:
+        terminal, other = pty.openpty()
+    except OSError:
+        yield None
+        return
+    process = subprocess.Popen(["rosrun", "aras_visual_servo_controller", "aras_teleop"],
+                               env=ros_master.environment, stdin=other, stdout=other, stderr=other)
+    os.close(other)
+    yield terminal, process
+    process.kill()
+    process.wait()
+    os.close(terminal)
+
+
+@pytest.fixture(scope="module")
+def viewer(port, keyboard):
     """Client of the page, on which the nodes have been started; at first with another scheme."""
     found = Viewer(port)
     wait_for(lambda: found.told.get("joints"), 60.0, "joints")
@@ -131,8 +148,8 @@ def viewer(port):
     assert not done
     assert why.startswith("the controller did not start: goal_2016.yaml holds no image"), why
     assert not found.phase() and not found.told["state"]["controller"]
-    found.do("resume")
     found.do("servo", scheme="moments", law="proportional", start="2016", goal="auto")
+    found.do("resume")
     found.wait("converged")
     yield found
     found.close()
@@ -202,37 +219,31 @@ def test_the_arm_is_driven_by_hand_and_stops_when_let_go(viewer):
     assert abs(after[0] - moved) < 0.02
 
 
-def test_keys_at_a_terminal_drive_the_camera(viewer, ros_master):
-    try:
-        terminal, other = pty.openpty()
-    except OSError as error:
-        pytest.skip(f"this machine has no terminals to give (/dev/pts): {error}")
-    process = subprocess.Popen(["rosrun", "aras_visual_servo_controller", "aras_teleop"],
-                               env=ros_master.environment, stdin=other, stdout=other, stderr=other)
-    os.close(other)
-    try:
-        said = b""
-        while b"^C" not in said:  # its help ends with how it ends
-            said += os.read(terminal, 4096)
-        before = viewer.told["joints"][0]
-        end = time.monotonic() + 60.0
-        while viewer.told["joints"][0] < before + 0.02 and time.monotonic() < end:
-            os.write(terminal, b"d")
-            time.sleep(0.05)
-        assert viewer.told["joints"][0] > before + 0.02
-        viewer.wait("stopped")
-        os.write(terminal, b"q")
-        assert process.wait(20.0) == 0
-    finally:
-        process.kill()
-        os.close(terminal)
+def test_keys_at_a_terminal_drive_the_camera(viewer, keyboard):
+    if keyboard is None:
+        pytest.skip("this machine has no terminals to give (/dev/pts)")
+    terminal, process = keyboard
+    printed = b""
+    while b"^C" not in printed:  # its help ends with how it ends
+        printed += os.read(terminal, 4096)
+    before = viewer.told["joints"][0]
+    end = time.monotonic() + 60.0
+    while viewer.told["joints"][0] < before + 0.02 and time.monotonic() < end:
+        os.write(terminal, b"d")
+        time.sleep(0.05)
+    assert viewer.told["joints"][0] > before + 0.02
+    viewer.wait("stopped")
+    os.write(terminal, b"q")
+    assert process.wait(20.0) == 0
 
 
 def test_a_moved_goal(viewer):
     viewer.do("start")
     viewer.wait("converged")
     at = viewer.told["joints"][0]
+    viewer.do("pause")
     viewer.do("goal", x=0.03, y=0.0, z=0.0, turn=0.0)
+    viewer.do("resume")
     wait_for(lambda: viewer.told["joints"][0] > at + 0.02, 60.0, "the moved goal")
     viewer.wait("converged")
 

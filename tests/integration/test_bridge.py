@@ -99,6 +99,14 @@ def arm(bridge):
     call("delete_model", DeleteModel, "arm")
 
 
+@pytest.fixture
+def eye(bridge):
+    """A camera on a model; it is deleted at the end."""
+    spawn("eye", EYE)
+    yield
+    call("delete_model", DeleteModel, "eye")
+
+
 class Tool:
     """A command-line tool that stays until it is interrupted."""
 
@@ -201,8 +209,7 @@ def test_a_goal_is_cancelled_while_time_is_stopped(arm):
     wait_for(lambda: client.get_state() == GoalStatus.PREEMPTED, 5.0, "the goal's end")
 
 
-def test_resets_with_controllers_and_images(arm, collect):
-    spawn("eye", EYE)
+def test_resets_with_controllers_and_images(arm, eye, collect):
     start("hold", "joint_states")
     topics = (collect("/arm/joint_states", JointState), collect("/eye/image_raw", Image),
               collect("/eye/camera_info", CameraInfo))
@@ -238,8 +245,6 @@ def test_resets_with_controllers_and_images(arm, collect):
     step(1500)
     assert angle() == pytest.approx(0.75, abs=1e-3)
     command.unregister()
-    delete("eye")
-    assert world_properties().model_names == ["ground_plane", "arm"]
 
 
 def test_spawn_model_script_with_its_options(ros_master, tmp_path):

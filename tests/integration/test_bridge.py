@@ -16,6 +16,7 @@ import actionlib
 import pytest
 import rosgraph
 import rospy
+import yaml
 from actionlib_msgs.msg import GoalStatus
 from control_msgs.msg import FollowJointTrajectoryAction, FollowJointTrajectoryGoal
 from controller_manager_msgs.srv import ListControllers, LoadController, SwitchController
@@ -155,21 +156,21 @@ def test_command_line_tools(arm, ros_master, tmp_path):
         return ros_master.run(["rosrun", "aras_sim_bridge", *words, "__ns:=/arm"]).stdout
 
     file = tmp_path / "more.yaml"
-    file.write_text("from_file: {type: effort_controllers/JointGroupEffortController, joints: []}")
+    file.write_text(yaml.safe_dump({"from_file": CONTROLLERS["joint_states"]}))
     gate = rospy.Publisher("/arm/go", Bool, queue_size=1, latch=True)
     gate.publish(False)
     waiting = Tool(ros_master, "spawner", "--namespace", "/arm", "--wait-for", "/arm/go", "push",
                    str(file))
-    wait_for(gate.get_num_connections, 15.0, "the waiting spawner")
+    wait_for(gate.get_num_connections, 40.0, "the waiting spawner")
     assert states() == {}
     with time_goes_on():
         gate.publish(True)
-        wait_for(lambda: states() == dict.fromkeys(("push", "from_file"), "running"), 15.0,
+        wait_for(lambda: states() == dict.fromkeys(("push", "from_file"), "running"), 40.0,
                  "the controllers of the spawner")  # fmt: skip
         unspawner = Tool(ros_master, "unspawner", "push", "__ns:=/arm")
-        wait_for(lambda: states()["push"] == "stopped", 15.0, "the unspawner")
+        wait_for(lambda: states()["push"] == "stopped", 40.0, "the unspawner")
         unspawner.interrupt()
-        wait_for(lambda: states()["push"] == "running", 15.0, "the restart")
+        wait_for(lambda: states()["push"] == "running", 40.0, "the restart")
         waiting.interrupt()
         assert states() == {}
         assert "Loaded 'push'" in tool("controller_manager", "spawn", "push")

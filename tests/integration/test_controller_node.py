@@ -15,7 +15,7 @@ import pytest
 import rospy
 from actionlib_msgs.msg import GoalStatus
 from aras_visual_servo_controller.msg import ServoState, ServoToTargetAction, ServoToTargetGoal
-from gazebo_calls import time_goes_on
+from gazebo_calls import call, time_goes_on
 from ros_graph import SLOW_CAMERA, wait_for
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
@@ -65,8 +65,9 @@ def loop(launch, ros_node, ros_master, folder):
 
 @pytest.fixture
 def states(collect):
-    """States of the loop, which has converged."""
+    """States of the loop, which runs and has converged."""
     states = collect(f"{ROBOT}/controller/state", ServoState)
+    call(f"{ROBOT}/controller/start", Trigger)
     states.wait(timeout=90.0, where=lambda state: state.phase == "converged")
     return states
 

@@ -9,8 +9,9 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+import yaml
+
 from aras_visual_servo_bench import Experiment, Run, run_with_images, save_figure, write_report
-from aras_visual_servo_bench.experiment.overrides import parse_overrides
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 
@@ -26,7 +27,8 @@ def folder() -> Path:
 def report_runs(experiments: dict[str, Experiment], figure: str) -> list[Run]:
     """Run named experiments; write their report, and one of its figures as picture.png."""
     out = folder()
-    changes = parse_overrides(word for word in sys.argv[2:] if "=" in word)
+    words = (word.partition("=") for word in sys.argv[2:] if "=" in word)
+    changes = {key: yaml.safe_load(value) for key, _, value in words}
     runs = [run_with_images(experiment.with_changes(**changes), name)
             for name, experiment in experiments.items()]  # fmt: skip
     if "--no-report" not in sys.argv[2:]:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from types import MappingProxyType
 
 import cv2
 import numpy as np
 
 from aras_sim_bridge.description import RobotDescription, world_file
-from aras_sim_bridge.description.types import Collision, Geometry, Link
+from aras_sim_bridge.description.types import Collision, Geometry, Inertial, Link
 from aras_sim_bridge.description.world_file import WorldFile
 from aras_sim_bridge.rendering import View, create_renderer
 from aras_sim_bridge.world import Pose, World
@@ -28,6 +29,8 @@ DEFAULT_NEAR = 0.1  # near clipping distance if the robot description has no cam
 # of Bullet's collision shapes.
 MIN_PENETRATION = 1e-3
 PLATE_THICKNESS = 1e-3  # minimum thickness of the collision shape of a flat target, m
+# Inertial parameters of links that have none in the robot description. The world is never stepped.
+ANY_INERTIAL = Inertial(1.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 1.0, 0.0, 1.0))
 
 
 class StaticArm:
@@ -57,7 +60,7 @@ class StaticArm:
         """
         self._near = description.cameras[0].near if description.cameras else DEFAULT_NEAR
         self._world, self._carrier = World(), carrier
-        self._model = self._world.spawn(description, "robot")
+        self._model = self._world.spawn(_add_masses(description), "robot")
         if surroundings is not None:
             if surroundings.ground_plane:
                 ground = _make_invisible_model("ground_plane", Geometry("plane"))
@@ -146,6 +149,19 @@ class StaticArm:
         K = np.diag([focal, focal, 1.0])
         K[:2, 2] = 0.5 * (VIEW_SIZE - 1.0)
         return turned, outline, K
+
+
+def _add_masses(description: RobotDescription) -> RobotDescription:
+    """Return the description with a mass in each link that a joint moves.
+
+    A description for kinematics may have no masses, and the world fixes joints that move no mass.
+    """
+    moved = {joint.child for joint in description.joints.values() if joint.is_movable}
+    links = {
+        name: replace(link, inertial=link.inertial or ANY_INERTIAL) if name in moved else link
+        for name, link in description.links.items()
+    }
+    return replace(description, links=MappingProxyType(links))
 
 
 def _make_invisible_model(

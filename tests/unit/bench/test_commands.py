@@ -1,22 +1,18 @@
 """The command line as a whole: one experiment, its name where pip installs it, its examples."""
 
-import contextlib
 import io
 import json
 import os
 import re
-import shlex
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from aras_visual_servo_base import compile_packages
 from aras_visual_servo_bench import BenchError, Experiment, run, run_study
 from aras_visual_servo_bench.cli import main
 from aras_visual_servo_bench.cli.arguments import EXAMPLES, make_parser
-from aras_visual_servo_bench.cli.compilation import COMPILED_PACKAGES
 
 
 @pytest.fixture
@@ -84,7 +80,33 @@ def test_pips_program_names_itself(monkeypatch, capsys):
         options.carry_out(options)
 
 
-def test_pips_program_compiles_only_before_it_simulates(tmp_path, monkeypatch, capsys):
+COMMANDS = """
+import contextlib, io, json, os, shlex, sys
+import numba
+from aras_visual_servo_base import compile_packages
+from aras_visual_servo_bench.cli import main
+from aras_visual_servo_bench.cli.compilation import COMPILED_PACKAGES
+
+# Numba finds all functions in its own cache; of those of one package, no copy is in this one.
+os.environ["NUMBA_CACHE_DIR"] = "cache"
+for package in COMPILED_PACKAGES[1:]:
+    for path in compile_packages.find_sources(package):
+        sources = (compile_packages.find_folder(package) / path).parent
+        folder = compile_packages.find_cache_folder(sources)
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / f"{path.stem}.function.nbi").touch()
+found = []
+for program, command in json.loads(sys.argv[1]):
+    sys.argv = ["/home/me/venv/bin/" + program]
+    with contextlib.redirect_stderr(io.StringIO()) as errors, contextlib.suppress(SystemExit):
+        main(shlex.split(command))
+    found.append(errors.getvalue().splitlines())
+print(json.dumps(found))
+"""
+
+
+def test_pips_program_compiles_only_before_it_simulates(tmp_path):
+    """In a process without the workspace's packages, which has only their sources."""
     text = "experiment: {plant: free, features: exact, duration: 0.1}\nrepeats: 2\n"
     (tmp_path / "study.yaml").write_text(text)
     run_study(tmp_path / "study.yaml", tmp_path / "done", progress=False)
@@ -92,30 +114,19 @@ def test_pips_program_compiles_only_before_it_simulates(tmp_path, monkeypatch, c
                   "run study.yaml --out out --in-process --no-report", "show done 0",
                   "analyze done:0 --out page --formats ''")  # fmt: skip
     others = ("run --help", "table /nowhere", "fly", "run /nowhere.yaml", "run duration=long")
-    monkeypatch.chdir(tmp_path)
-    # Numba finds all functions in its own cache; of those of one package, no copy is in this one.
-    monkeypatch.setenv("NUMBA_CACHE_DIR", "cache")
-    for package in COMPILED_PACKAGES[1:]:
-        for path in compile_packages.find_sources(package):
-            sources = (compile_packages.find_folder(package) / path).parent
-            folder = compile_packages.find_cache_folder(sources)
-            folder.mkdir(parents=True, exist_ok=True)
-            (folder / f"{path.stem}.function.nbi").touch()
-
-    def errors(program, command):
-        """Return the lines that a command prints to stderr."""
-        monkeypatch.setattr(sys, "argv", [f"/home/me/venv/bin/{program}"])
-        with contextlib.suppress(SystemExit):
-            main(shlex.split(command))
-        return capsys.readouterr().err.splitlines()
-
-    for command in simulating:
-        first, second, *_ = errors("aras-servo", command)
+    commands = [*(("aras-servo", one) for one in (*simulating, *others)), ("bench", simulating[0])]
+    sources = os.pathsep.join(map(str, Path(__file__).parents[3].glob("src/*/src")))
+    made = subprocess.run(
+        [sys.executable, "-c", COMMANDS, json.dumps(commands)], capture_output=True, text=True,
+        cwd=tmp_path, env={**os.environ, "PYTHONPATH": sources},
+    )  # fmt: skip
+    assert made.returncode == 0, made.stderr
+    errors = json.loads(made.stdout.splitlines()[-1])
+    for command, (first, second, *_) in zip(simulating, errors, strict=False):
         assert first == "compiling before the first simulation, which takes one or two minutes"
         assert second.startswith("compiled in "), (command, second)
     # The set-up has compiled what the workspace's program needs.
-    for program, command in (*(("aras-servo", one) for one in others), ("bench", simulating[0])):
-        assert "compil" not in "".join(errors(program, command))
+    assert "compil" not in str(errors[len(simulating) :])
 
 
 def test_each_command_is_listed_and_shows_an_example_that_it_understands(capsys):

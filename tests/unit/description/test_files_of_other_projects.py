@@ -187,6 +187,9 @@ def test_a_submesh_that_the_file_does_not_have_is_named_with_those_that_it_has(t
     (warning,) = made.warnings
     assert "has no submesh 'Door'; its submeshes are: Wheel, Body; the visual is ignored" in warning
     assert made.links["l"].visuals == ()
+    shape = shape.replace("<name>Door</name>", "<center>1</center>")
+    (warning,) = load(tmp_path, f"<link name='l'><visual name='v'>{shape}</visual></link>").warnings
+    assert "<submesh> has no <name>; add it; the visual is ignored" in warning
 
 
 def test_a_link_with_many_shapes_is_loaded_whole(tmp_path):

@@ -130,6 +130,8 @@ def _read_shape(
                 f"{where}: mesh scale {scale} contains a zero; use numbers other than 0"
             )
         submesh = ElementReader(shape.find("submesh") if is_sdf else None, f"{where}: submesh ")
+        if submesh.element is not None and not submesh.read_text("name"):
+            raise UnsupportedPartError(f"{where}: <submesh> has no <name>; add it")
         mesh = Geometry(
             kind, filename=resolve(uri, where), scale=scale,
             submesh=submesh.read_text("name") or "", is_centred=submesh.read_bool("center", False),

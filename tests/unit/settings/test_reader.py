@@ -82,6 +82,8 @@ def test_values_of_a_yaml_file_come_in_the_kind_that_is_wanted(key, text, expect
 
 @pytest.mark.parametrize(("values", "message"), [
     ({"start": {"sid": 1}}, "unknown key 'start.sid': did you mean 'side'?"),
+    ({"side": 1}, "unknown key 'side': did you mean 'start.side'?"),
+    ({"pose": 1}, "unknown key 'pose': did you mean 'start.pose'?"),
     ({"gain": "3"}, "gain is '3', must be a finite number"),
     ({"gain": 10**400}, f"gain is {'1' + 199 * '0'}..., must be a finite number"),
     ({"gain": 10**5000}, "gain is a number of thousands of digits, must be a finite number"),

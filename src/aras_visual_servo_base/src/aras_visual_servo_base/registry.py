@@ -28,8 +28,8 @@ from .names import (
     import_object,
     suggest,
 )
-from .setting_values import BOUNDS, describe_expected
-from .settings import get_default, list_annotations, list_fields
+from .setting_values import BOUNDS, describe_expected, list_annotations, list_fields
+from .settings import get_default
 
 C = TypeVar("C", bound=type)
 

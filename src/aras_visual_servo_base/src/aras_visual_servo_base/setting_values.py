@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
+import functools
 import math
 import numbers
 import operator
@@ -158,19 +160,52 @@ def describe_mismatch(
     return f"{where} is {format_value(value)}, must be {describe_expected(hint, rules)}"
 
 
+@functools.lru_cache(maxsize=64)
+def list_annotations(cls: type) -> dict[str, Any]:
+    """Return the annotations of a dataclass's fields, by name."""
+    return typing.get_type_hints(cls)
+
+
+@functools.lru_cache(maxsize=64)
+def list_fields(cls: type) -> dict[str, dataclasses.Field]:
+    """Return the fields of a dataclass that users can set, by name."""
+    return {
+        field.name: field
+        for field in dataclasses.fields(cls)
+        if field.init and not field.metadata.get("internal")
+    }
+
+
+def find_below(cls: type, key: str) -> list[str]:
+    """Return the paths ('camera.width') of a key in the mappings that a dataclass contains."""
+    paths = []
+    for name in list_fields(cls):
+        hint = list_annotations(cls)[name]
+        is_union = typing.get_origin(hint) in (typing.Union, types.UnionType)
+        kinds = typing.get_args(hint) if is_union else (hint,)
+        for kind in filter(dataclasses.is_dataclass, kinds):
+            found = [key] if key in list_fields(kind) else find_below(kind, key)
+            paths += [f"{name}.{path}" for path in found]
+    return list(dict.fromkeys(paths))
+
+
 def describe_unknown_key(
-    where: str, key: Any, known_keys: Iterable[str], renamed: Mapping[str, str] = NOTHING
-) -> str:
-    """Return the message for an unknown key. It suggests the new name of the key, or a similar key.
+    where: str, key: Any, known_keys: Iterable[str], renamed: Mapping[str, str] = NOTHING,
+    below: Iterable[str] = (),
+) -> str:  # fmt: skip
+    """Return the message for an unknown key. It suggests the right place, name or spelling.
 
     Args:
         renamed: mapping from old names of keys to their new names, which a class of settings
             declares as `renamed_keys`.
+        below: paths of keys with this name in the mappings that the settings contain.
     """
     head, colon, path = join_path(where, key).rpartition(": ")
     kind = path if path.startswith("parameter ") else f"key '{path}'"
     if key in renamed:
         return f"{head}{colon}{kind} is now called '{renamed[key]}'"
+    if below := list(below):
+        return f"{head}{colon}unknown {kind}: did you mean {' or '.join(map(repr, below))}?"
     return f"{head}{colon}unknown {kind}: {suggest(key, known_keys)}"
 
 

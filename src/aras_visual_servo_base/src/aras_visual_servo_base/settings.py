@@ -22,7 +22,6 @@ from __future__ import annotations
 import contextlib
 import copyreg
 import dataclasses
-import functools
 import numbers
 import types
 import typing
@@ -42,8 +41,11 @@ from .setting_values import (
     describe_expected,
     describe_mismatch,
     describe_unknown_key,
+    find_below,
     format_value,
     join_path,
+    list_annotations,
+    list_fields,
     parse_word,
 )
 
@@ -163,7 +165,7 @@ def _check_keys(cls: type, keys: Iterable[str], where: str, fault: Fault) -> Non
     for key in keys:
         if key not in known:
             renamed = getattr(cls, "renamed_keys", NOTHING)
-            raise fault(describe_unknown_key(where, key, known, renamed))
+            raise fault(describe_unknown_key(where, key, known, renamed, find_below(cls, key)))
 
 
 def read(
@@ -189,22 +191,6 @@ def read(
     if default is dataclasses.MISSING:
         raise fault(f"{place} is missing: give {describe_expected(hint)}")
     return default
-
-
-@functools.lru_cache(maxsize=64)
-def list_annotations(cls: type) -> dict[str, Any]:
-    """Return the annotations of a dataclass's fields, by name."""
-    return typing.get_type_hints(cls)
-
-
-@functools.lru_cache(maxsize=64)
-def list_fields(cls: type) -> dict[str, dataclasses.Field]:
-    """Return the fields of a dataclass that users can set, by name."""
-    return {
-        field.name: field
-        for field in dataclasses.fields(cls)
-        if field.init and not field.metadata.get("internal")
-    }
 
 
 def convert(

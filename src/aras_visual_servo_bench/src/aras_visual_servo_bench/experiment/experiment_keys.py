@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from aras_visual_servo_base.names import suggest
-from aras_visual_servo_base.settings import list_annotations
+from aras_visual_servo_base.setting_values import list_annotations
 from aras_visual_servo_controller.settings import ControllerSettings
 
 from ..errors import StudyError

@@ -150,24 +150,27 @@ def jit(signature: str, allocates: bool = True) -> Callable[[Callable], Compiled
 
 
 def compile_all(package: str = "") -> None:
-    """Compile all functions of imported modules, or load them from the cache.
+    """Compile all functions of a package's imported modules, or load them from the cache.
 
     Nodes call this when they start, so that their first image is not delayed.
 
     Args:
-        package: name of a package whose functions are compiled; '' for all packages.
+        package: name of a package whose functions are compiled; '' for this project's packages.
     """
     for function in list_functions(package):
         function.compile()
 
 
 def list_functions(package: str = "") -> list[CompiledFunction]:
-    """Return the functions with the decorator `jit` in imported modules, or in one package."""
-    return [
-        function
-        for (module, _), function in list(_functions.items())
-        if package in ("", module.partition(".")[0])
-    ]
+    """Return the functions with the decorator `jit` in the imported modules of a package.
+
+    If `package` is '', return those of this project's packages, whose names begin with 'aras_'.
+    """
+    def is_listed(module: str) -> bool:
+        root = module.partition(".")[0]
+        return root == package if package else root.startswith("aras_")
+
+    return [function for (module, _), function in list(_functions.items()) if is_listed(module)]
 
 
 def _compile(function: Callable, signature: str, options: dict[str, object]) -> Dispatcher:

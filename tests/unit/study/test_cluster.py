@@ -7,6 +7,7 @@ import json
 import os
 from typing import NamedTuple
 
+import dask
 import distributed
 import distributed.core
 import pytest
@@ -49,7 +50,9 @@ def history(hanging, tmp_path_factory):
     # Both at once, for their rows say which code the checkout has, and somebody may edit it.
     here, made = (StudyFolder.create(path / name, hanging, "") for name in ("here", "there"))
     study = hanging.to_mapping()
-    with DaskPool(1, chunks_before_restart=2) as pool:
+    # Dask would remove a worker that is just started again, if it looked at that moment.
+    patch = dask.config.set({"distributed.deploy.lost-worker-timeout": "100 ms"})
+    with patch, DaskPool(1, chunks_before_restart=2) as pool:
         (begun,) = pool.client.run(os.getpid).values()
         (environment,) = pool.client.run(lambda: dict(os.environ)).values()
         assert all(environment[key] == "1" for key in ONE_THREAD)

@@ -33,6 +33,7 @@ POLL_PERIOD = 0.02
 STARTING_STATES = ("init", "starting", "running", "undefined")
 # Longest time for a connection between processes of Dask. An overloaded machine can be slow.
 CONNECT_TIMEOUT = "600s"
+NEVER = "1000 days"  # longer than any study
 TICK_PERIOD = "10s"  # time between two self-checks of a worker or of the scheduler
 # number of workers that may die while they run the same chunk before the study fails
 MAX_DEATHS = 5
@@ -66,9 +67,9 @@ class DaskPool(Pool):
             StudyError: the scheduler does not answer, it has no worker, or a worker has different
                 versions of the code or libraries.
         """
-        self._distributed = _configure_dask()
         self._chunks_before_restart = chunks_before_restart
         self._max_workers, self._is_local = 0, not (scheduler or cluster)
+        self._distributed = _configure_dask(self._is_local)
         self.cluster: Any = None
         self._scratch = tempfile.TemporaryDirectory(prefix="bench-")
         self.client: Any = None
@@ -270,8 +271,11 @@ def _catch_lost_connection() -> Iterator[None]:
         raise StudyError(f"{LOST_CONNECTION} ({read_first_line(error)})") from error
 
 
-def _configure_dask() -> Any:
+def _configure_dask(is_local: bool) -> Any:
     """Set options of Dask that reduce its history and self-checks; return its module `distributed`.
+
+    Args:
+        is_local: whether the workers are processes on this machine that Dask's nannies start.
     """
     try:
         import dask
@@ -303,6 +307,10 @@ def _configure_dask() -> Any:
         "distributed.comm.timeouts.connect": CONNECT_TIMEOUT,
         "distributed.comm.timeouts.tcp": CONNECT_TIMEOUT,
     })
+    if is_local:
+        # By default, Dask removes a worker that is not connected 15 s after its last process has
+        # ended, even if its nanny is just starting the next one: the study would lose the worker.
+        dask.config.set({"distributed.deploy.lost-worker-timeout": NEVER})
     return distributed
 
 

@@ -6,7 +6,7 @@ import pytest
 from loop_rig import an_image
 
 from aras_visual_servo_controller.diagnosis.camera_model_check import DIRECTIONS, CameraModelCheck
-from aras_visual_servo_controller.diagnosis.feature_rows import pack_features
+from aras_visual_servo_controller.diagnosis.feature_rows import FeatureHistory, pack_features
 from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 
 
@@ -15,12 +15,11 @@ def test_only_an_image_that_follows_another_counts():
     given = {"error": np.zeros(2), "L": np.ones((2, 6)), "motion": 0.01 * np.ones(6)}
 
     def said(**other):
-        evidence = CameraModelCheck()
+        evidence, history = CameraModelCheck(), FeatureHistory()
         for k in range(8):  # against the motion: found at once
             now = {**given, "error": -0.2 * k * np.ones(2)}
             now |= other if k % 2 or "motion" in other else {}
-            evidence.add(pack_features(now["error"], now["L"], 0.0, 1e-3, True),
-                         an_image(0.0, 1 / 30, now["motion"]))  # fmt: skip
+            shown(evidence, history, now["error"], now["L"], now["motion"], 1e-3)
         return evidence.find_fault()
 
     assert said() and CameraModelCheck().find_fault() == ""
@@ -29,10 +28,11 @@ def test_only_an_image_that_follows_another_counts():
         assert not said(**other)
 
 
-def shown(evidence, error, L, motion, tolerances, error_drift=0.0, joints=None, stamp=0.0):
+def shown(evidence, history, error, L, motion, tolerances, error_drift=0.0, joints=None, stamp=0.0):
     """Add one image to a CameraModelCheck, after a motion (6,) of the camera."""
-    evidence.add(pack_features(error, L, error_drift, tolerances, True),
-                 an_image(stamp, 1 / 30, motion, joints=joints))
+    image = an_image(stamp, 1 / 30, motion, joints=joints)
+    history.add(pack_features(error, L, error_drift, tolerances, True), image)
+    evidence.add(history, image)
 
 
 def seen_by(
@@ -41,12 +41,13 @@ def seen_by(
     """Evidence of features that move `scale` (6,) times as far as L says, by direction, and by
     `drift` tolerances an image besides; the scheme says that they do so by `error_drift`, 1/s."""
     random = np.random.default_rng(seed)
-    evidence, tolerances = CameraModelCheck(), np.full(count, tolerance)
+    evidence, history = CameraModelCheck(), FeatureHistory()
+    tolerances = np.full(count, tolerance)
     L = random.normal(size=(count, 6))
     error, twist = random.normal(size=count), np.zeros(6)
     for _ in range(images):
         measured = error + noise * tolerance * random.normal(size=count)
-        shown(evidence, measured, L, twist, tolerances, error_drift)
+        shown(evidence, history, measured, L, twist, tolerances, error_drift)
         twist = 2e-2 * random.normal(size=6)
         error = error + (L * scale) @ twist + drift * tolerance
     return evidence
@@ -87,9 +88,10 @@ def test_the_direction_that_is_off_is_named(direction, factor):
 def test_two_translations_are_compared_however_little_one_of_them_is(factor):
     """The camera came down by a centimetre and went far aside: one depth for all lay by the
     sideways way, and a focal length of 0.9 times the true one passed."""
-    evidence, way = CameraModelCheck(), 1e-3 * np.array([8.0, 5.0, 1.0, 0.0, 0.0, 0.0])
+    evidence, history = CameraModelCheck(), FeatureHistory()
+    way = 1e-3 * np.array([8.0, 5.0, 1.0, 0.0, 0.0, 0.0])
     for k in range(30):
-        shown(evidence, k * way[:3] * [1.0, 1.0, factor], np.eye(6)[:3], way, np.full(3, 1e-3))
+        shown(evidence, history, k * way[:3] * [1.0, 1.0, factor], np.eye(6)[:3], way, 1e-3)
     assert evidence.find_fault().startswith(f"along vz the features move {factor:.2f} times")
     assert evidence.find_fault().endswith("along vx 1.00 times as far")
 
@@ -99,10 +101,11 @@ def test_two_translations_are_compared_however_little_one_of_them_is(factor):
 ])  # fmt: skip
 def test_slow_motion_is_added_up_over_four_images_and_no_more(step, images, found):
     """A camera that goes by `step` tolerances an image, along x and z in turn."""
-    evidence, position, way = CameraModelCheck(), np.zeros(3), np.zeros(6)
+    evidence, history = CameraModelCheck(), FeatureHistory()
+    position, way = np.zeros(3), np.zeros(6)
     for k in range(images):
         position = position + way[:3]
-        shown(evidence, position * [1.0, 1.0, 0.8], np.eye(6)[:3], way, np.full(3, 1e-3))
+        shown(evidence, history, position * [1.0, 1.0, 0.8], np.eye(6)[:3], way, 1e-3)
         way = 1e-3 * step * np.eye(6)[2 * (k // 8 % 2)]
     assert bool(evidence.find_fault()) is found
 
@@ -124,11 +127,11 @@ def test_motion_the_other_way_and_motion_of_its_own_are_faults():
 ])  # fmt: skip
 def test_steps_in_which_L_changes_much_accuse_no_camera(step, scale, accused):
     """s = 0.3 sin x: over a step of 1 rad the mean L says 0.92 of the way."""
-    random, evidence = np.random.default_rng(2), CameraModelCheck()
+    random, evidence, history = np.random.default_rng(2), CameraModelCheck(), FeatureHistory()
     x, motion = np.zeros((2, 6))
     for _ in range(40):
         L = 0.3 * np.diag(np.cos(x))
-        shown(evidence, 0.3 * np.sin(x), L, motion / scale, np.full(6, 1e-3))
+        shown(evidence, history, 0.3 * np.sin(x), L, motion / scale, 1e-3)
         motion = step * random.choice([-1.0, 1.0], 6) * random.uniform(0.8, 1.0, 6)
         x = x + motion
     assert bool(evidence.find_fault()) == accused, evidence.find_fault()
@@ -139,10 +142,10 @@ def test_little_motion_and_broken_sequences_are_no_evidence():
     assert seen_by(wrong, 30).find_fault()
     assert not seen_by(wrong, 30, tolerance=0.5).find_fault()  # slower than 3 tolerances an image
     assert not seen_by(wrong, 1).find_fault()
-    evidence = CameraModelCheck()
+    evidence, history = CameraModelCheck(), FeatureHistory()
     for k in range(40):
         shown(
-            evidence, np.full(2, 0.01 * k), np.ones((2, 6)), 0.01 * ONE, np.full(2, 1e-3),
+            evidence, history, np.full(2, 0.01 * k), np.ones((2, 6)), 0.01 * ONE, 1e-3,
             stamp=0.1 * k,
         )  # fmt: skip
     assert not evidence.find_fault()
@@ -152,7 +155,7 @@ def believed_by_shaken_joints(shake, scale, jacobian, images=40, seed=0):
     """Evidence by joints, here the camera's own directions, that go on at their last speeds from
     the last sample to the exposure: speeds that shake put them beside where they truly are."""
     random, names = np.random.default_rng(seed), tuple("xyzabc")
-    evidence, tolerances, gap = CameraModelCheck(jacobian), np.full(4, 1e-3), 0.008
+    evidence, history, gap = CameraModelCheck(jacobian), FeatureHistory(), 0.008
     L, true, before = random.normal(size=(4, 6)), np.zeros(6), None
     steady = np.zeros(6)
     for k in range(images):
@@ -162,7 +165,7 @@ def believed_by_shaken_joints(shake, scale, jacobian, images=40, seed=0):
         believed = true + off * gap
         joints = JointSample.from_values(k / 30.0, names, believed, steady + off)
         moved = np.zeros(6) if before is None else believed - before
-        shown(evidence, (L * scale) @ true, L, moved, tolerances, joints=joints)
+        shown(evidence, history, (L * scale) @ true, L, moved, 1e-3, joints=joints)
         before = believed
     return evidence
 

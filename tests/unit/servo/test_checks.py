@@ -10,10 +10,10 @@ from aras_visual_servo_controller import CameraModel, Goal, Moments, Observation
 from aras_visual_servo_controller.diagnosis.ambiguous_poses import AmbiguousPoses
 from aras_visual_servo_controller.diagnosis.area_check import AreaCheck, predict_distance
 from aras_visual_servo_controller.diagnosis.diagnoses.wrong_object import ShapeCheck
-from aras_visual_servo_controller.diagnosis.feature_rows import pack_features
+from aras_visual_servo_controller.diagnosis.feature_rows import FeatureHistory, pack_features
 from aras_visual_servo_controller.diagnosis.gain_check import GainCheck
 from aras_visual_servo_controller.diagnosis.joint_tracking_check import JointTrackingCheck
-from aras_visual_servo_controller.diagnosis.oscillation_check import OscillationCheck
+from aras_visual_servo_controller.diagnosis.oscillation_check import SPANS, OscillationCheck
 from aras_visual_servo_controller.diagnosis.step_check import StepCheck
 from aras_visual_servo_controller.diagnosis.vector_history import VectorHistory
 from aras_visual_servo_controller.laws import Proportional
@@ -30,14 +30,22 @@ def wave(stamps, errors):
     return list(zip(stamps, errors, strict=True))
 
 
+def ringing(samples):
+    """Return an OscillationCheck, and the frequency that it reports after each error, or None."""
+    errors, found = VectorHistory(SPANS[-1]), []
+    check = OscillationCheck(errors)
+    for t, error in samples:
+        errors.add(t, np.array(error, float))
+        found.append(check.update() or None)
+    return check, found
+
+
 def rings(samples, beside=lambda t: 0.0):
     """Return what OscillationCheck reports at the end for an error, next to another error."""
-    checks = OscillationCheck(), OscillationCheck()
-    for t, e in samples:
-        answers = [checks[0].add(t, np.array([e, beside(t)])),
-                   checks[1].add(t, np.array([beside(t), e]))]  # fmt: skip
+    answers = [ringing([(t, pair) for t, e in samples for pair in [(e, beside(t))[::order]]])[1]
+               for order in (1, -1)]  # fmt: skip
     assert answers[0] == answers[1]
-    return answers[0]
+    return answers[0][-1]
 
 
 @pytest.mark.parametrize(("half", "sign"), [(0.2, 1.0), (0.3, -1.0)])
@@ -100,20 +108,20 @@ def test_what_is_no_longer_than_noise_is_no_reversal(extremes, half, found):
     lambda t: 9.0 * np.sin(2.0 * np.pi * 0.15 * t),  # five swings take longer than twelve seconds
 ])  # fmt: skip
 def test_what_dies_away_or_is_quiet_is_no_oscillation(error):
-    oscillation = OscillationCheck()
-    assert all(oscillation.add(t, np.array([error(t)])) is None for t in np.arange(0, 24, 1 / 30))
+    assert not any(ringing([(t, [error(t)]) for t in np.arange(0, 24, 1 / 30)])[1])
 
 
 @pytest.mark.parametrize("way", ["at rest", "approaching", "following"])
 @pytest.mark.parametrize("seed", range(2))
 def test_noise_that_is_louder_than_the_tolerances_is_no_oscillation(way, seed):
-    random, oscillation, error = np.random.default_rng(seed), OscillationCheck(), 0.0
+    random, error, samples = np.random.default_rng(seed), 0.0, []
     for k, noise in enumerate(random.normal(0.0, 8.0, (400, 2))):
         if way == "following":  # a loop that moves by what noise it saw
             error = 0.9 * error + 0.3 * noise[0]
         elif way == "approaching":
             error = 60.0 * np.exp(-k / 60.0)
-        assert oscillation.add(k / 30.0, error + noise) is None
+        samples.append((k / 30.0, error + noise))
+    assert not any(ringing(samples)[1])
 
 
 @pytest.mark.parametrize(("half", "heights", "swings", "grows"), [
@@ -122,20 +130,19 @@ def test_noise_that_is_louder_than_the_tolerances_is_no_oscillation(way, seed):
     (4, (20, 9, 20, 9), False, False), (4, (1, -1, 1, -1), False, False),
 ])  # fmt: skip
 def test_swings_too_seldom_for_a_frequency_are_told(half, heights, swings, grows):
-    oscillation = OscillationCheck()
-    for t, e in zigzag(*heights, half=0.3 * half, rate=1.0 / 0.3):
-        assert oscillation.add(t, np.array([e, 0.0])) is None
+    samples = zigzag(*heights, half=0.3 * half, rate=1.0 / 0.3)
+    oscillation, found = ringing([(t, [e, 0.0]) for t, e in samples])
+    assert not any(found)
     assert (oscillation.is_oscillating, oscillation.is_growing) == (swings, grows)
 
 
 @pytest.mark.parametrize("growth", [0.0, 2.0])
 def test_an_oscillation_is_told_in_noise_and_while_it_grows(growth):
-    random, oscillation = np.random.default_rng(1), OscillationCheck()
-    found = None
+    random, samples = np.random.default_rng(1), []
     for t in np.arange(0.0, 2.5, 1 / 30):
         wave = 12.0 * np.exp(growth * (t - 1.0)) * np.sin(2 * np.pi * 2.5 * t)
-        found = oscillation.add(t, np.array([wave + random.normal(0.0, 3.0)]))
-    assert found == pytest.approx(2.5, rel=0.1)
+        samples.append((t, [wave + random.normal(0.0, 3.0)]))
+    assert ringing(samples)[1][-1] == pytest.approx(2.5, rel=0.1)
 
 
 # -- is it the target? -----------------------------------------------------------
@@ -189,7 +196,8 @@ SCHEME = create_scheme("points", Proportional(1.0))
 
 def delayed(gain, delay, duration=60.0, seconds=4.0, until=np.inf):
     """A check that has followed the error of a loop e' = -gain e(t - delay), and that error."""
-    check, scheme = GainCheck(duration), create_scheme("points", Proportional(gain))
+    errors, scheme = VectorHistory(), create_scheme("points", Proportional(gain))
+    check = GainCheck(errors, duration)
     step = 1e-3
     error = np.full(round(seconds / step), 100.0)
     for i in range(1, len(error)):
@@ -197,7 +205,8 @@ def delayed(gain, delay, duration=60.0, seconds=4.0, until=np.inf):
         error[i] = error[i - 1] - (gain * error[late] * step if i > delay / step else 0.0)
     images = [i for i in range(0, len(error), round(PERIOD / step)) if i * step < until]
     for i in images:
-        check.add(i * step, np.array([error[i]]), scheme, delay)
+        errors.add(i * step, np.array([error[i]]))
+        check.add(i * step, scheme, delay)
     return check, error[: images[-1]]
 
 
@@ -220,10 +229,12 @@ def test_a_target_that_is_lost_by_an_overshoot_is_lost_by_the_gain(delay):
 
 @pytest.mark.parametrize(("growth", "found"), [(1.5, True), (0.8, False), (0.0, False)])
 def test_a_target_that_a_growing_swing_has_lost_before_its_frequency_is_known(growth, found):
-    check = GainCheck()
+    errors = VectorHistory()
+    check = GainCheck(errors)
     for k in range(30):
         error = 20.0 * growth ** (k / 6.0) * np.cos(np.pi * k / 6.0)
-        check.add(k * PERIOD, np.array([error, 1.0]), SCHEME, 0.0)
+        errors.add(k * PERIOD, np.array([error, 1.0]))
+        check.add(k * PERIOD, SCHEME, 0.0)
     lost = check.explain_loss("the target was lost")
     assert (lost is not None) == found and (not found or "growing amplitude" in lost.reason)
 
@@ -309,13 +320,14 @@ GOAL = Goal(
 def followed(images, error_of, check=None, rests=0, begin=0.0):
     """A check that has followed features, error_of(k, error by L and the camera's motion), of a
     camera that first rests for some images."""
-    check, draw = check or StepCheck(), np.random.default_rng(3)
+    check, draw, history = check or StepCheck(), np.random.default_rng(3), FeatureHistory()
     L, told = draw.normal(size=(COUNT, 6)), np.zeros(COUNT)
     for k in range(images):
         motion = 4e-3 * np.cos([0.1 * k, 0.3, 0.2 * k, 0.0, 0.0, 0.1]) * (k >= rests)
         told = told + L @ motion * (k > 0)
-        features = pack_features(error_of(k, told), L, 0.0, TOLERANCES, False)
-        check.add(features, ("x", "y", "size"), an_image(begin + k * DT, DT, motion))
+        image = an_image(begin + k * DT, DT, motion)
+        history.add(pack_features(error_of(k, told), L, 0.0, TOLERANCES, False), image)
+        check.add(history, ("x", "y", "size"), image)
     return check
 
 
@@ -361,18 +373,22 @@ def test_features_that_move_on_before_a_camera_at_rest_drift(rests, drift, noise
 
 
 def test_another_number_of_features_starts_again_with_their_names():
-    check, still = StepCheck(), np.zeros(6)
+    check, history = StepCheck(), FeatureHistory()
     for k in range(12):
-        count = 3 if k < 3 else 2
-        features = pack_features(np.full(count, 2e-3 * k), np.ones((count, 6)), 0.0, 1e-3, False)
-        check.add(features, ("x", "y", "size")[:count], an_image(k * DT, DT, still))
+        count, image = 3 if k < 3 else 2, an_image(k * DT, DT, np.zeros(6))
+        history.add(
+            pack_features(np.full(count, 2e-3 * k), np.ones((count, 6)), 0.0, 1e-3, False), image)
+        check.add(history, ("x", "y", "size")[:count], image)
         assert check.has_drift is (k >= 7)
     assert check.feature_correlations.tolist() == [0.0, 0.0]
-    check = StepCheck()  # also at the first image with L, and at the first with other features
+    # also at the first image with L, and at the first with other features
+    check, history = StepCheck(), FeatureHistory()
     for k, count in enumerate((None, 3, 3, 3, 2, 2, None, 3)):
         features = None if count is None else pack_features(
             np.full(count, 1e-2 * k), np.ones((count, 6)), 0.0, 1e-3, False)  # fmt: skip
-        check.add(features, ("x", "y", "size")[:count], an_image(k * DT, DT, np.ones(6)))
+        image = an_image(k * DT, DT, np.ones(6))
+        history.add(features, image)
+        check.add(history, ("x", "y", "size")[:count], image)
         assert len(check.names) == len(check.feature_correlations)
     assert check.names == ("x", "y")
 
@@ -493,7 +509,7 @@ def test_the_window_holds_the_newest_in_order(kept):
         recent.add(0.1 * i, np.array([i, -2.0 * i, 0.5]))
         first = max(i + 1 - kept, 0)
         expected = np.arange(first, i + 1)
-        assert len(recent) == len(expected)
+        assert len(recent.rows) == len(expected)
         np.testing.assert_array_equal(recent.stamps, 0.1 * expected)
         np.testing.assert_array_equal(recent.rows[:, 1], -2.0 * expected)
         assert (recent.rows[:, 2] == 0.5).all()
@@ -506,12 +522,12 @@ def test_rows_of_another_length_and_older_than_the_span_are_dropped():
     recent.add(0.1, np.ones(2))
     assert recent.stamps.tolist() == [0.1] and recent.rows.tolist() == [[1.0, 1.0]]
     recent.clear()
-    assert len(recent) == 0
+    assert len(recent.rows) == 0
     recent = VectorHistory(span=0.35)
     for i in range(10):
         recent.add(0.1 * i, np.array([float(i)]))
-    assert recent.rows[:, 0].tolist() == [6.0, 7.0, 8.0, 9.0] and recent.width == 1
+    assert recent.rows[:, 0].tolist() == [6.0, 7.0, 8.0, 9.0]
     recent.drop_oldest(1)
-    assert recent.rows[0, 0] == 7.0 and len(recent) == len(recent.stamps) == 3
+    assert recent.rows[:, 0].tolist() == [7.0, 8.0, 9.0] and len(recent.stamps) == 3
     recent.add(9.0, np.array([10.0]))
     assert recent.stamps.tolist() == [9.0]

@@ -16,7 +16,7 @@ from aras_visual_servo_controller.diagnosis.diagnoses.contradictions import is_g
 from aras_visual_servo_controller.diagnosis.diagnoses.target_moves import split_by_camera
 from aras_visual_servo_controller.diagnosis.diagnosis import Diagnosis, diagnose
 from aras_visual_servo_controller.diagnosis.evidence import Evidence
-from aras_visual_servo_controller.diagnosis.feature_rows import pack_features
+from aras_visual_servo_controller.diagnosis.feature_rows import FeatureHistory, pack_features
 from aras_visual_servo_controller.diagnosis.target_motion_check import TargetMotionCheck
 from aras_visual_servo_controller.features import Feature, FeatureMeasurement, Stack
 from aras_visual_servo_controller.laws import Proportional
@@ -298,10 +298,12 @@ def test_a_joint_that_stands_still_is_named(is_lost):
 
 def checked(is_faulty):
     """Return a CameraModelCheck after 30 images, whose translations may go the wrong way."""
-    check, way = CameraModelCheck(), 1e-2 * np.array([1.0, 1.0, 0.5, 0.0, 0.0, 0.0])
+    check, history = CameraModelCheck(), FeatureHistory()
+    way = 1e-2 * np.array([1.0, 1.0, 0.5, 0.0, 0.0, 0.0])
     for k in range(30 * is_faulty):
-        features = pack_features(-k * way[:3], np.eye(6)[:3], 0.0, 1e-3, True)
-        check.add(features, an_image(k / 30.0, 1 / 30, way))
+        image = an_image(k / 30.0, 1 / 30, way)
+        history.add(pack_features(-k * way[:3], np.eye(6)[:3], 0.0, 1e-3, True), image)
+        check.add(history, image)
     assert bool(check.find_fault()) is is_faulty
     return check
 
@@ -460,7 +462,8 @@ def test_a_retreat_of_a_camera_that_swings_is_the_gain_s():
     run = RunContext(ServoSettings(), the_goal("2016"))
     evidence, retreat = Evidence(run), DIAGNOSES["camera_retreat"]()
     for t in np.arange(28) / 30.0:  # until 0.9 s
-        evidence.gain_check.add(t, np.array([20.0 * np.cos(6.0 * np.pi * t)]), None, 0.0)
+        evidence.errors.add(t, np.array([20.0 * np.cos(6.0 * np.pi * t)]))
+        evidence.gain_check.add(t, None, 0.0)
     for stamp, distance in ((0.0, 1.0), (1.0, 9.0), (1.1, 9.0), (1.2, 9.0)):
         seen = an_image(stamp, 0.03, moments=loop_rig.scaled(run.goal.moments, 1.0 / distance))
         found = retreat.judge(answered(stamp, np.zeros(1), observation=seen), evidence)

@@ -6,7 +6,7 @@ from loop_rig import an_image
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_controller import Goal, Moments
-from aras_visual_servo_controller.diagnosis.feature_rows import pack_features
+from aras_visual_servo_controller.diagnosis.feature_rows import FeatureHistory, pack_features
 from aras_visual_servo_controller.diagnosis.target_motion_check import TargetMotionCheck
 
 DT = 1 / 30  # s: four images are more than the 0.12 s of a row
@@ -38,7 +38,7 @@ def watched(images, moves, camera=swaying, count=6, known=0.0, check=None, L=Non
     draw = np.random.default_rng(4)
     L = draw.normal(size=(count, 6)) if L is None else L
     tolerances = np.resize([1e-3, 2e-3, 1e-3, 3e-3], count)
-    error, said = np.zeros(count), []
+    error, said, history = np.zeros(count), [], FeatureHistory()
     for k in range(images):
         t = begin + k * dt
         pose = POSE @ matrix_from_xyz_rpy((0.0, 0.0, 0.0), (0.0, 0.0, turns * t))
@@ -50,10 +50,10 @@ def watched(images, moves, camera=swaying, count=6, known=0.0, check=None, L=Non
         if k in wraps:
             error = error + 2.0 * np.pi * np.eye(count)[1]
         off = noise * draw.normal(size=count) + jumps * (-1) ** (k // 4)
-        said.append(check.add(
-            pack_features(error + off * tolerances, L, known * own, tolerances, True),
-            an_image(**{"stamp": t, "dt": dt, "motion": motion, "world_T_camera": pose, **seen}),
-            None))  # fmt: skip
+        image = an_image(**{"stamp": t, "dt": dt, "motion": motion, "world_T_camera": pose, **seen})
+        history.add(
+            pack_features(error + off * tolerances, L, known * own, tolerances, True), image)
+        said.append(check.add(history, image, None))
     return said
 
 

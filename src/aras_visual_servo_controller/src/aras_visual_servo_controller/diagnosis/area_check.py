@@ -22,8 +22,6 @@ class AreaCheck:
     Attributes:
         occluded_since: time at which a part of the target inside the image became invisible, s;
             None if no part is hidden.
-        next_region: ranges of x and y, normalised, in which the target may be in the next image;
-            None if the target has not been visible.
     """
 
     # Smallest motion between two images that is a jump of the target's centre, normalised.
@@ -52,7 +50,6 @@ class AreaCheck:
         if goal is not None and goal.plane is not None and goal.moments is not None:
             self._goal_patch = _compute_patch_area(goal.plane, goal.moments)
         self.occluded_since: float | None = None
-        self.next_region: tuple[tuple[float, float], tuple[float, float]] | None = None
         # Predicted squared distance of the camera from the target in the last image, relative to
         # that at the goal.
         self._scale = 1.0
@@ -64,7 +61,9 @@ class AreaCheck:
         # these images.
         self._hidden_count, self._hidden_stamp = 0, 0.0
         self._whole_area = 0.0  # target's corrected area before a part disappeared
-        self._centre: tuple[float, float] | None = None
+        # Moments of the target in the last image and in the image before it.
+        self._last_moments: Moments | None = None
+        self._earlier_moments: Moments | None = None
         self._centre_jumps = 0
 
     @property
@@ -77,13 +76,39 @@ class AreaCheck:
         """Return whether the target's centre has jumped in many of the latest images."""
         return self._centre_jumps >= self.MIN_CENTRE_JUMPS
 
+    @property
+    def next_region(self) -> tuple[tuple[float, float], tuple[float, float]] | None:
+        """Return the ranges of x and y, normalised, in which the target may be in the next image.
+
+        Return None if the target has not been visible.
+        """
+        last, earlier = self._last_moments, self._earlier_moments
+        if last is None:
+            return None
+        # The target's centre is extrapolated by twice its last displacement. In the next image, the
+        # target should be within one target size of this point.
+        x, y = last.xg + 2.0 * (last.xg - earlier.xg), last.yg + 2.0 * (last.yg - earlier.yg)
+        size = sqrt(last.m00)
+        return (x - size, x + size), (y - size, y + size)
+
     def add(self, observation: Observation) -> None:
         """Update the visible area of the target; detect occlusions and jumps of the centre."""
         moments, desired = observation.moments, self.goal.moments
         if not observation.valid or moments is None or desired is None or moments.m00 <= 0.0:
             return
-        self._add_centre(moments)
-        predicted = self._predict_area(observation)
+        earlier, self._last_moments = self._last_moments or moments, moments
+        self._earlier_moments, jump = earlier, self.MIN_CENTRE_JUMP
+        if abs(moments.xg - earlier.xg) > jump or abs(moments.yg - earlier.yg) > jump:
+            self._centre_jumps = min(self._centre_jumps + 1, self.MAX_CENTRE_JUMPS)
+        elif self._centre_jumps:
+            self._centre_jumps -= 1
+        # The image area of a small patch at depth Z, in a plane at the distance d from the camera,
+        # is d / Z^3 times the area of the patch. Both d and Z follow from the estimated plane.
+        # Without a plane, the area is assumed to be inversely proportional to the squared distance.
+        if observation.plane is None or not self._goal_patch:
+            predicted = predict_distance(observation.world_T_camera, self.goal) ** -2
+        else:
+            predicted = _compute_patch_area(observation.plane, moments) / self._goal_patch
         if predicted < self.MIN_PREDICTED_AREA:
             return
         scale = 1.0 / predicted
@@ -96,6 +121,7 @@ class AreaCheck:
             or scale_change > self.MAX_DISTANCE_CHANGE
         ):
             return
+        hidden = max(self.MIN_HIDDEN_PART, self.DEVIATION_FACTOR * self._area_deviation)
         if self._hidden_count:
             if area > (1.0 - 0.5 * self.MIN_HIDDEN_PART) * self._whole_area:
                 self._hidden_count, self.occluded_since = 0, None
@@ -103,9 +129,7 @@ class AreaCheck:
             self._hidden_count += 1
             if self._hidden_count == self.HIDDEN_IMAGES:
                 self.occluded_since = self._hidden_stamp
-        elif max(area / before, area / last) < 1.0 - max(
-            self.MIN_HIDDEN_PART, self.DEVIATION_FACTOR * self._area_deviation
-        ):
+        elif area / before < 1.0 - hidden and area / last < 1.0 - hidden:
             self._hidden_count, self._hidden_stamp, self._whole_area = 1, observation.stamp, before
         else:
             change = abs(area / before - 1.0)
@@ -114,35 +138,9 @@ class AreaCheck:
             )
             self._mean_area = self.MEMORY * before + (1.0 - self.MEMORY) * area
 
-    def _add_centre(self, moments: Moments) -> None:
-        """Note the target's centre, and predict where it may be in the next image."""
-        x, y = moments.xg, moments.yg
-        dx, dy = (0.0, 0.0) if self._centre is None else (x - self._centre[0], y - self._centre[1])
-        self._centre = x, y
-        if max(abs(dx), abs(dy)) > self.MIN_CENTRE_JUMP:
-            self._centre_jumps = min(self._centre_jumps + 1, self.MAX_CENTRE_JUMPS)
-        else:
-            self._centre_jumps = max(self._centre_jumps - 1, 0)
-        # The target's centre is extrapolated by twice its last displacement. In the next image, the
-        # target should be within one target size of this point.
-        x, y, size = x + 2.0 * dx, y + 2.0 * dy, sqrt(moments.m00)
-        self.next_region = (x - size, x + size), (y - size, y + size)
-
-    def _predict_area(self, observation: Observation) -> float:
-        """Return the area that the target should have in this view, relative to the goal.
-
-        The image area of a small patch at depth Z, in a plane at the distance d from the camera, is
-        d / Z^3 times the area of the patch. Both d and Z follow from the estimated plane. Without a
-        plane, the area is assumed to be inversely proportional to the squared distance.
-        """
-        if observation.plane is None or not self._goal_patch:
-            return predict_distance(observation.world_T_camera, self.goal) ** -2
-        here = _compute_patch_area(observation.plane, observation.moments)
-        return max(here / self._goal_patch, 1e-9)
-
 
 def _compute_patch_area(plane: Plane, moments: Moments) -> float:
-    """Return d / Z^3 of a plane at the target's centre; see `AreaCheck._predict_area`."""
+    """Return d / Z^3 of a plane at the target's centre; see `AreaCheck.add`."""
     A, B, C = plane
     return max(A * moments.xg + B * moments.yg + C, 1e-9) ** 3 / hypot(A, B, C)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import jit
 
-from ..records.outcomes import ArrivalStatus, PoseUncertainty
+from ..records.outcomes import NOT_ARRIVED, ArrivalStatus, PoseUncertainty
 from .camera_offset import (
     FEW_IMAGES,
     HYSTERESIS,
@@ -99,15 +99,16 @@ class ArrivalCheck:
             ik_solution: joint velocities for the task; they show in which directions the arm can
                 move the camera. None for a free camera.
         """
-        goal, error, ambiguity = self._goal, scheme_output.error, scheme_output.ambiguity
-        if self._errors.width != len(error):
+        goal, errors, ambiguity = self._goal, self._errors, scheme_output.ambiguity
+        if errors.rows.shape[1] != scheme_output.error.size:
             self.clear()
-        self._errors.add(observation.stamp, error)
+        errors.add(observation.stamp, scheme_output.error)
         is_far, old_count, settled = _evaluate_errors(
-            self._errors.stamps, self._errors.rows, self._tolerances, self._hold,
+            errors.stamps, errors.rows, np.asarray(self._scheme.tolerances, float), self._hold,
             HYSTERESIS if self._is_reached else 1.0,
         )  # fmt: skip
-        self._errors.drop_oldest(old_count)
+        if old_count:
+            errors.drop_oldest(old_count)
         directions, row = None, None
         if not is_far and scheme_output.task is not None:
             directions = split_directions(
@@ -125,7 +126,7 @@ class ArrivalCheck:
         if settled and row is not None:
             observable = compute_observable(scheme_output, directions[1], goal.distance)
             offsets, reason = compute_mean_offset(
-                self._offsets.stamps, self._offsets.rows, observable, len(self._errors),
+                self._offsets.stamps, self._offsets.rows, observable, len(errors.rows),
                 self._is_reached, goal.distance,
             )  # fmt: skip
         self._view_check.add(observation)
@@ -133,7 +134,7 @@ class ArrivalCheck:
             if self._is_reached:
                 self._view_check.clear()
             self._is_reached, self._margin = False, None
-            return ArrivalStatus(pending_reason=reason)
+            return ArrivalStatus(pending_reason=reason) if reason else NOT_ARRIVED
         # The camera has just arrived: ignore the images that precede the arrival.
         if not self._is_reached:
             self._images = 0
@@ -143,11 +144,6 @@ class ArrivalCheck:
             bounds = bound_symmetry(ambiguity, goal) if ambiguity else (nan, nan)
             return ArrivalStatus(True, pose_uncertainty=PoseUncertainty(*bounds, ambiguity))
         return self._evaluate_arrival(scheme_output, observation, directions, offsets)
-
-    @property
-    def _tolerances(self) -> np.ndarray:
-        """Return the tolerances (k,) of the errors."""
-        return np.asarray(self._scheme.tolerances, float)
 
     def _evaluate_arrival(
         self, scheme_output: SchemeOutput, observation: Observation,
@@ -160,7 +156,7 @@ class ArrivalCheck:
         # more accurate near the goal.
         if self._margin is None or self._error_size > NEGLIGIBLE_ERROR:
             mean_error = self._errors.rows.mean(axis=0)
-            size = float(np.linalg.norm(mean_error / self._tolerances))
+            size = float(np.linalg.norm(mean_error / np.asarray(self._scheme.tolerances, float)))
             if self._margin is None or size < RENEWAL_RATIO * self._error_size:
                 self._error_size = size
                 self._renew_margin(scheme_output, observation, free, offsets)
@@ -197,7 +193,7 @@ class ArrivalCheck:
         # If the scheme has a residual (error of a whole image), L describes the residual and not
         # the features.
         if scheme_output.residual is None:
-            L = scheme_output.L / self._tolerances[:, None]
+            L = scheme_output.L / np.asarray(self._scheme.tolerances, float)[:, None]
             self._view_check.set_expected_place(
                 observation, L / np.repeat((1.0, goal.distance), 3),
                 self._margin.compute_covariance(offsets),

@@ -11,7 +11,7 @@ from aras_visual_servo_base.compiled import jit
 from ..kinematics.joint_sample import JointSample
 from ..kinematics.task import DIRECTIONS
 from ..observation.observation import Observation
-from .feature_rows import DRIFT, ERROR, FIRST_L, IS_ANGLE, TOLERANCE, PreviousFeatures
+from .feature_rows import DRIFT, ERROR, FIRST_L, IS_ANGLE, TOLERANCE, FeatureHistory
 
 # A row of the fit sums the motion of the features over successive images until the predicted
 # motion reaches this, in units of the tolerance. In a smaller sum, noise and joint friction
@@ -54,6 +54,7 @@ LATE_PART = 0.25
 # is inaccurate: near a rotation of 180 degrees it leaves a third of the motion of moments
 # unexplained.
 MAX_L_CHANGE = 0.3
+NO_ROW = np.empty((0, 7))
 
 
 class CameraModelCheck:
@@ -95,93 +96,76 @@ class CameraModelCheck:
                 motion is exact.
         """
         self._jacobian = jacobian
-        self._previous = PreviousFeatures()
+        self._features: np.ndarray | None = None  # features (k, 10) of the last image
         self._joints: JointSample | None = None  # joints of the last image
-        self._normal, self._right = np.zeros((6, 6)), np.zeros(6)
-        self._square = self._path_length = 0.0
-        # Last row of the fit: predicted motion (k, 6) and measured motion (k,). The sums
-        # `_next_...` of products of successive rows give the correlation of their residuals.
-        self._last_row: tuple[np.ndarray, np.ndarray] | None = None
-        self._next_normal, self._next_right = np.zeros((6, 6)), np.zeros(6)
-        self._next_square = 0.0
-        self._rows = 0
+        # Sums of the products (7, 7) of the rows of the fit with themselves, which are its normal
+        # equations, and with the rows before them, which give the correlation of the residuals. A
+        # row (k, 7) is the predicted motion (k, 6) and the measured motion (k,).
+        self._products, self._next_products = np.zeros((7, 7)), np.zeros((7, 7))
+        self._last_row, self._path_length, self._count = NO_ROW, 0.0, 0
+        # Present row: features at its start; sums of `_predict_motion`; for each of its images, the
+        # joints at the previous and at this image, and the features.
+        self._start, self._sums = np.empty((0, 10)), NO_ROW
+        self._images: list[tuple[JointSample | None, JointSample | None, np.ndarray]] = []
         self._fault: str | None = ""
 
-    def add(self, features: np.ndarray | None, observation: Observation) -> None:
+    def add(self, features: FeatureHistory, observation: Observation) -> None:
         """Add one image.
 
         Args:
-            features: (k, 10) features of the image, see `feature_rows`; None if there is no L.
+            features: features of the image and of the one before it.
             observation: observation of the image.
         """
-        before = self._previous.replace(features, observation)
+        # The check has not processed the image before this one if an earlier diagnosis reported an
+        # outcome for it.
+        before = features.before if features.before is self._features else None
         joints, self._joints = self._joints, observation.joints
-        if features is None:
+        self._features = now = features.now
+        if now is None:
             return
+        images = self._images
         if before is None:
-            self._last_row = None
-            self._start_row(features)
+            self._last_row, self._start = NO_ROW, now
+            images.clear()
             return
-        predicted, wrapped, L_change = _predict_motion(
-            before, features, observation.motion, observation.dt, self._sums
+        if not images:
+            self._sums = np.zeros((len(now), 7))
+        predicted, L_change = _predict_motion(
+            before, now, observation.motion, observation.dt, self._sums
         )
-        if wrapped or L_change > max(MAX_L_CHANGE * predicted, MIN_ROW):
-            self._start_row(features)
+        images.append((joints, observation.joints, now))
+        is_usable = L_change <= MIN_ROW or L_change <= MAX_L_CHANGE * predicted
+        if is_usable and predicted >= MIN_ROW:
+            self._add_row(predicted)
+        elif is_usable and len(images) < MAX_IMAGES_PER_ROW:
             return
-        self._images.append((joints, observation.joints, features))
-        if predicted >= MIN_ROW:
-            self._add_row(predicted, features)
-        if predicted >= MIN_ROW or len(self._images) >= MAX_IMAGES_PER_ROW:
-            self._start_row(features)
+        self._start = now
+        images.clear()
 
-    def _start_row(self, features: np.ndarray) -> None:
-        """Start a new row of the fit, a sum of motions, at an image with these features."""
-        self._start_error = features[:, ERROR]
-        # Motion of each feature since the start of the row, by direction of the camera's motion and
-        # due to the target; see `_predict_motion`.
-        self._sums = np.zeros((len(features), 7))
-        # For each image of the row: joints at the previous and at this image, and the features.
-        self._images: list[tuple[JointSample | None, JointSample | None, np.ndarray]] = []
-
-    def _add_row(self, predicted: float, features: np.ndarray) -> None:
+    def _add_row(self, predicted: float) -> None:
         """Add the sums over the latest images to the normal equations, as one row of the fit.
 
-        Args:
-            predicted: largest predicted motion of a feature, in units of the tolerance.
-            features: (k, 10) features of the latest image, see `feature_rows`.
+        The argument is the largest predicted motion of a feature, in units of the tolerance.
         """
-        weight = 1.0 / (1.0 + SHAKING_FACTOR * self._estimate_shaking())
-        measured = features[:, ERROR] - self._start_error - self._sums[:, 6]
-        measured = weight * (measured / features[:, TOLERANCE])
-        parts = weight * self._sums[:, :6]
-        self._normal += parts.T @ parts
-        self._right += parts.T @ measured
-        self._square += float(measured @ measured)
-        if self._last_row is not None and len(self._last_row[1]) == len(measured):
-            before, moved = self._last_row
-            self._next_normal += before.T @ parts
-            self._next_right += before.T @ measured + parts.T @ moved
-            self._next_square += float(moved @ measured)
-        self._last_row = parts, measured
-        self._path_length += weight * predicted
-        self._rows += len(measured)
-        self._fault = None
-
-    def _estimate_shaking(self) -> float:
-        """Return an upper bound of the feature motion that the joint speeds do not explain.
-
-        Between two images, a joint may move differently than its speeds at these images predict.
-        The bound is the largest one of the images of the row, in units of the tolerance.
-        """
-        greatest = 0.0
+        # Upper bound of the feature motion that the joint speeds do not explain, in units of the
+        # tolerance: between two images, a joint may move differently than its speeds predict.
+        shaking = 0.0
         for before, now, features in self._images:
             if self._jacobian is not None and before is not None and now is not None:
-                greatest = max(greatest, _compute_unexplained(
+                shaking = max(shaking, _compute_unexplained(
                     before.positions, before.velocities, now.positions, now.velocities,
                     now.stamp - before.stamp, LATE_PART, self._jacobian(now.positions),
                     features,
                 ))  # fmt: skip
-        return greatest
+        weight = 1.0 / (1.0 + SHAKING_FACTOR * shaking)
+        _finish_row(
+            self._start, self._features, weight, self._sums, self._last_row, self._products,
+            self._next_products,
+        )  # fmt: skip
+        self._last_row = self._sums
+        self._path_length += weight * predicted
+        self._count += len(self._sums)
+        self._fault = None
 
     def find_fault(self) -> str:
         """Describe how the features contradict the camera model.
@@ -194,7 +178,7 @@ class CameraModelCheck:
 
     def _evaluate(self) -> str:
         depth, misfit, rest, direction, other_direction, scale, other_scale = _fit_scales(
-            self._normal, self._right, self._square, self._rows
+            self._products, self._count
         )
         text = "the features do not move as L and the arm's motion predict"
         if depth <= 0.0:
@@ -221,9 +205,9 @@ class CameraModelCheck:
             depth: fitted factor on all translations; the factor on the rotations is 1.
             misfit: residual of the fit as a fraction of the squared motion of the features.
         """
-        scale = np.array([depth] * 3 + [1.0] * 3)
-        product = self._next_square - scale @ self._next_right + scale @ self._next_normal @ scale
-        return bool(product > MIN_CORRELATION * misfit * self._square)
+        scale = np.array([depth] * 3 + [1.0] * 3 + [-1.0])
+        product = scale @ self._next_products @ scale
+        return bool(product > MIN_CORRELATION * misfit * self._products[6, 6])
 
 
 @jit("f8[:,:]")
@@ -247,25 +231,26 @@ def _invert(matrix):
     return right
 
 
-@jit("f8[:,:], f8[:], f8, f8")
-def _fit_scales(normal, right, square, rows):
+@jit("f8[:,:], f8")
+def _fit_scales(products, count):
     """Fit a scale of the features' motion to each direction of the camera, and find a wrong scale.
 
     The scales of the translations are compared with each other in pairs, and the scale of each
     rotation is compared with 1.
 
     Args:
-        normal, right: (6, 6), (6,) normal equations of the fit, `normal @ scale = right`.
-        square: sum of the squared motions of the features.
-        rows: number of motions in this sum.
+        products: (7, 7) normal equations of the fit, see `CameraModelCheck`.
+        count: number of measured motions of the features.
 
     Returns:
         Seven values. The first three belong to a fit in which all translations share one factor and
-        the rotations have the factor 1: this factor; the residual as a fraction of `square`; the
-        rms residual in units of the tolerance. The other four describe the wrong scale: the index
-        of its direction, -1 if no scale is wrong; the index of the direction that it is compared
-        with, the same for a rotation; and both scales, the second of which is 1 for a rotation.
+        the rotations have the factor 1: this factor; the residual as a fraction of the squared
+        motion; the rms residual in units of the tolerance. The other four describe the wrong scale:
+        the index of its direction, -1 if no scale is wrong; the index of the direction that it is
+        compared with, the same for a rotation; and both scales, the second of which is 1 for a
+        rotation.
     """
+    normal, right, square = products[:6, :6], products[:6, 6], products[6, 6]
     translation_square = translation_right = coupling = 0.0
     for i in range(3):
         translation_right += right[i]
@@ -290,7 +275,7 @@ def _fit_scales(normal, right, square, rows):
         for j in range(6):
             left += scale[i] * normal[i, j] * scale[j]
             misfit += expected[i] * normal[i, j] * expected[j]
-    noise = max(np.sqrt(max(left, 0.0) / max(rows - 6.0, 1.0)), MIN_NOISE)
+    noise = max(np.sqrt(max(left, 0.0) / max(count - 6.0, 1.0)), MIN_NOISE)
     first, second, greatest = -1, -1, 0.0
     for i in range(6):
         for j in range(i if i < 3 else 1):
@@ -310,7 +295,7 @@ def _fit_scales(normal, right, square, rows):
     if first != second and abs(scale[first] - 1.0) < abs(scale[second] - 1.0):
         first, second = second, first
     second_scale = 1.0 if first == second else scale[second]
-    rest = np.sqrt(max(misfit, 0.0) / rows)
+    rest = np.sqrt(max(misfit, 0.0) / count)
     return depth, misfit / square, rest, first, second, scale[max(first, 0)], second_scale
 
 
@@ -326,11 +311,11 @@ def _predict_motion(before, now, motion, dt, sums):
             tolerance, and (last column) due to the target; modified in place.
 
     Returns:
-        The largest predicted motion of a feature in this row, in units of the tolerance; whether an
-        angle wrapped; the largest change of the predicted motion due to the difference of the two
-        L, in units of the tolerance.
+        The largest predicted motion of a feature in this row, in units of the tolerance; the
+        largest change of the predicted motion due to the difference of the two L, in units of the
+        tolerance, infinite if an angle wrapped.
     """
-    widest, greatest, wrapped, interaction_change = 0.0, 0.0, False, 0.0
+    widest, greatest, interaction_change = 0.0, 0.0, 0.0
     for i in range(len(now)):
         if now[i, IS_ANGLE] > 0.0:
             widest = max(widest, now[i, TOLERANCE])
@@ -343,10 +328,35 @@ def _predict_motion(before, now, motion, dt, sums):
             changed += (L - L_before) * motion[j] / tolerance
         interaction_change = max(interaction_change, abs(changed))
         greatest = max(greatest, abs(predicted))
-        if now[i, IS_ANGLE] > 0.0:
-            wrapped |= abs(now[i, ERROR] - before[i, ERROR]) / tolerance > 1.0 / widest
+        moved = abs(now[i, ERROR] - before[i, ERROR]) / tolerance
+        if now[i, IS_ANGLE] > 0.0 and moved > 1.0 / widest:
+            interaction_change = np.inf
         sums[i, 6] += 0.5 * (before[i, DRIFT] + now[i, DRIFT]) * dt
-    return greatest, wrapped, interaction_change
+    return greatest, interaction_change
+
+
+@jit("f8[:,::1], f8[:,::1], f8, f8[:,::1], f8[:,:], f8[:,::1], f8[:,::1]", allocates=False)
+def _finish_row(start, now, weight, row, last_row, products, next_products):
+    """Complete a row of the fit, and add its products with itself and with the row before it.
+
+    Args:
+        start, now: (k, 10) features at the start and at the end of the row, see `feature_rows`.
+        weight: weight of the row.
+        row: (k, 7) sums of `_predict_motion`; becomes the row of the fit, see `CameraModelCheck`.
+        last_row: (k, 7) row before it; its products are added if it has as many features.
+        products, next_products: (7, 7) sums of the products; modified in place.
+    """
+    for i in range(len(row)):
+        moved = now[i, ERROR] - start[i, ERROR] - row[i, 6]
+        row[i, 6] = moved / now[i, TOLERANCE]
+        for j in range(7):
+            row[i, j] *= weight
+    for i in range(len(row)):
+        for j in range(7):
+            for k in range(7):
+                products[j, k] += row[i, j] * row[i, k]
+                if len(last_row) == len(row):
+                    next_products[j, k] += last_row[i, j] * row[i, k]
 
 
 @jit("f8[:], f8[:], f8[:], f8[:], f8, f8, f8[:,:], f8[:,::1]", allocates=False)

@@ -18,7 +18,7 @@ import numpy as np
 from ..records.outcomes import Outcome, make_outcome
 from ..records.run_record import ImageRecord, Record, RunContext, RunEvent
 from .advice import suggest_longer_watchdog
-from .base import DIAGNOSES, ORDER
+from .base import DIAGNOSES, ORDER, DiagnosisRule
 from .evidence import Evidence
 
 # During servoing, an outcome of another kind replaces the reported one only after it has been found
@@ -74,6 +74,8 @@ class Diagnosis:
     def _start(self) -> None:
         self.evidence = Evidence(self.run_context)
         self._diagnoses = [DIAGNOSES[name]() for name in self._order]
+        # Diagnoses that are called in each phase of the loop that has occurred.
+        self._diagnoses_by_phase: dict[str, list[DiagnosisRule]] = {}
         # Stamp (s) and fault of each image for which the scheme failed.
         self._faults: list[tuple[float, str]] = []
         self._image_count = 0
@@ -105,7 +107,7 @@ class Diagnosis:
             self._add_image(record)
         else:
             self._add_event(record)
-        return self.outcome
+        return self.outcome if self._faults else self.evidence.current_outcome
 
     def _add_event(self, event: RunEvent) -> None:
         if event.kind == "started":
@@ -208,27 +210,33 @@ class Diagnosis:
             return
         if record.state.scheme_output is None:
             evidence.progress_check.clear()
-        for diagnosis in self._diagnoses:
+        phase = record.state.phase
+        diagnoses = self._diagnoses_by_phase.get(phase)
+        if diagnoses is None:
+            diagnoses = self._diagnoses_by_phase[phase] = [
+                one for one in self._diagnoses if not one.phases or phase in one.phases
+            ]
+        for diagnosis in diagnoses:
             found = diagnosis.judge(record, evidence)
             if found is not None:
                 break
         # After repeated stops by the watchdog, the images that arrive between two stops do not
         # change the outcome.
         is_recent = stamp - self._starvation_stamp < RECOVERY_TIME
-        is_starved = found.kind == "running" and is_recent and self._starvation_count > 1
-        evidence.current_outcome = (
-            self._starvation_outcome if is_starved else self._debounce(stamp, found)
-        )
+        if found.kind == "running" and is_recent and self._starvation_count > 1:
+            found = self._starvation_outcome
+        elif found.kind != evidence.current_outcome.kind:
+            found = self._debounce(stamp, found)
+        else:
+            self._candidate = None
+        evidence.current_outcome = found
 
     def _debounce(self, stamp: float, candidate: Outcome) -> Outcome:
-        """Return the outcome to report.
+        """Return the outcome to report if the candidate is of another kind than the present one.
 
         An outcome that replaces another one during servoing has to be found for STEADY_TIME first.
         """
         current = self.evidence.current_outcome
-        if candidate.kind == current.kind:
-            self._candidate = None
-            return candidate
         is_immediate = any(
             kind in IMMEDIATE or kind.startswith("converged")
             for kind in (candidate.kind, current.kind)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from ..kinematics.joint_sample import JointSample
 from ..observation.observation import Observation
 from ..records.outcomes import UNCOVER_TARGET, Outcome, make_outcome
@@ -14,10 +12,13 @@ from ..records.run_record import RunContext
 from .advice import is_user_scheme, suggest_scheme, suggest_wider_limits
 from .camera_model_check import CameraModelCheck
 from .feature_motion_check import FeatureMotionCheck
+from .feature_rows import FeatureHistory
 from .gain_check import GainCheck
 from .joint_tracking_check import JointTrackingCheck, join_names
+from .oscillation_check import SPANS
 from .progress_check import ProgressCheck
 from .target_motion_check import TargetMotionCheck
+from .vector_history import VectorHistory
 
 # An arm is almost straight if the angle of its elbow is less than this, rad.
 STRETCHED_BEND = 0.1
@@ -38,14 +39,15 @@ class Evidence:
         current_outcome: outcome that was reported last.
         joint_check, progress_check, gain_check, target_check, motion_check: checks that process the
             images of the run.
+        errors: errors of the images of the last SPANS[-1] seconds, in units of the tolerance.
+        features: features of the latest images.
         camera_checks: check of each camera, by camera name.
+        camera_features: features that belong to each camera, if there are several, by camera name.
         last_touched_borders: image borders that the target touched last, as text.
         measured_stamp: stamp of the last image for which the scheme computed a task, s; None before
             the first.
         is_running_away: whether the target itself must have moved, because the features have just
             moved farther than any camera motion explains.
-        error: (k,) error of the latest image, in units of the tolerance.
-        features: (k, 10) features of the latest image, see `feature_rows`; None if there is no L.
         target_motion: motion of the target, as text; empty if it is at rest.
         oscillation: outcome for an oscillating error, or None.
         is_oscillation_fast: whether the error oscillates faster than the target motions that
@@ -53,20 +55,19 @@ class Evidence:
         camera_fault: how the features contradict the camera model, as text; empty if they do not.
     """
 
-    error: np.ndarray
-    features: np.ndarray | None
-
     def __init__(self, run_context: RunContext) -> None:
         self.run_context = run_context
         self.current_outcome = Outcome()
-        self.progress_check = ProgressCheck(run_context.settings.duration)
-        self.gain_check = GainCheck(run_context.settings.duration)
+        self.errors, self.features = VectorHistory(SPANS[-1]), FeatureHistory()
+        self.progress_check = ProgressCheck(self.errors, run_context.settings.duration)
+        self.gain_check = GainCheck(self.errors, run_context.settings.duration)
         self.joint_check = JointTrackingCheck(run_context.names, run_context.joint_units)
         self.target_check = TargetMotionCheck()
         self.motion_check = FeatureMotionCheck(
             run_context.goal, run_context.scheme is not None and is_user_scheme(run_context.scheme)
         )
         self.camera_checks: dict[str, CameraModelCheck] = {}
+        self.camera_features: dict[str, FeatureHistory] = {}
         self.last_touched_borders = ""
         self.measured_stamp: float | None = None
         self.is_running_away = False

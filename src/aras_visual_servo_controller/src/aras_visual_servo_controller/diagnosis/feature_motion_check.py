@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from ..goals.goal import Goal
 from ..observation.observation import Observation
 from .area_check import AreaCheck
-from .feature_rows import pack_features
+from .feature_rows import FeatureHistory, pack_features
 from .joint_tracking_check import join_names
-from .step_check import StepCheck
+from .step_check import MIN_JUMP, StepCheck
 from .target_motion_check import TargetMotionCheck, compute_centre
 
 # Smallest correlation of measured and predicted feature motion at which the features agree with L.
@@ -54,22 +52,14 @@ class FeatureMotionCheck:
         self.step_check, self.area_check = StepCheck(), AreaCheck(goal)
         self.is_user_scheme, self.is_current_interaction = is_user_scheme, True
         self._centre_check = StepCheck(CENTRE_MIN_ROW) if is_user_scheme else None
+        self._centre = FeatureHistory()  # position of the target's centre
 
-    def add(
-        self, features: np.ndarray | None, names: tuple[str, ...], observation: Observation
-    ) -> None:
-        """Add one image.
-
-        Args:
-            features: (k, 10) features of the image, see `feature_rows`; None if there is no L.
-            names: (k,) names of the features.
-            observation: observation of the image.
-        """
-        self.step_check.add(features, names, observation)
-        if self._centre_check is not None:
-            centre, L = compute_centre(observation, self.area_check.goal)
-            rows = pack_features(centre, L, 0.0, TargetMotionCheck.CENTRE_TOLERANCE, False)
-            self._centre_check.add(rows, ("x", "y"), observation)
+    def add_centre(self, observation: Observation) -> None:
+        """Add one image to the check of the target's centre."""
+        centre, L = compute_centre(observation, self.area_check.goal)
+        rows = pack_features(centre, L, 0.0, TargetMotionCheck.CENTRE_TOLERANCE, False)
+        self._centre.add(rows, observation)
+        self._centre_check.add(self._centre, ("x", "y"), observation)
 
     @property
     def target_motion_part(self) -> float:
@@ -100,7 +90,7 @@ class FeatureMotionCheck:
             if steps.is_jumping(stamp) and not self.area_check.is_centre_jumping:
                 return f"the features jump repeatedly, but the target does not: {self.jump_reason}"
             if centre.has_enough_motion and steps.typical_step > max(
-                steps.MIN_JUMP, SCATTER_FACTOR * centre.typical_step
+                MIN_JUMP, SCATTER_FACTOR * centre.typical_step
             ):
                 return (
                     f"the features change by {steps.typical_step:.0f} tolerances from image to "

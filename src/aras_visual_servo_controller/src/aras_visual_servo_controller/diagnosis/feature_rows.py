@@ -40,37 +40,33 @@ def pack_features(
     return rows
 
 
-class PreviousFeatures:
-    """Features of the last image that a check has processed, for comparison with the next image."""
+class FeatureHistory:
+    """Features of the latest image and of the one before it, for all checks that compare them.
+
+    Attributes:
+        now: (k, 10) features of the latest image; None if there is no L.
+        before: (k, 10) features of the image before it. None if they cannot be compared with `now`:
+            if that image was not added, if the camera's motion between the two is unknown, or if
+            the number of features has changed.
+    """
 
     # Largest difference of two stamps of the same image that rounding explains, s.
     SAME_STAMP = 1e-6
 
     def __init__(self) -> None:
-        self._features: np.ndarray | None = None
+        self.now: np.ndarray | None = None
+        self.before: np.ndarray | None = None
         self._stamp = 0.0
 
-    def replace(
-        self, features: np.ndarray | None, observation: Observation
-    ) -> np.ndarray | None:
-        """Store the features of an image, and return those of the image before it.
-
-        Return None if they cannot be compared: if the check has not processed the image before
-        this one, if the camera's motion between the two is unknown, or if the number of features
-        has changed.
-
-        Args:
-            features: (k, 10) array of the image; None if there is no L.
-            observation: observation of the image.
-        """
-        before, stamp = self._features, self._stamp
-        self._features, self._stamp = features, observation.stamp
+    def add(self, features: np.ndarray | None, observation: Observation) -> None:
+        """Add the features (k, 10) of an image, or None if there is no L."""
+        before, stamp = self.now, observation.stamp
         if (
-            before is None or features is None or len(before) != len(features)
+            before is None or features is None or before.shape != features.shape
+            # The motion and `dt` of an observation start at the image before it. The features of an
+            # image are not added if an earlier diagnosis reports an outcome.
+            or stamp - observation.dt > self._stamp + self.SAME_STAMP
             or observation.motion is None
-            # The motion and `dt` of an observation start at the image before it. A check is not
-            # called for an image if an earlier diagnosis reports an outcome.
-            or observation.stamp - observation.dt > stamp + self.SAME_STAMP
         ):  # fmt: skip
-            return None
-        return before
+            before = None
+        self.before, self.now, self._stamp = before, features, stamp

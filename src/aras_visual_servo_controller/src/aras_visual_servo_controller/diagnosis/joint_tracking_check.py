@@ -48,7 +48,8 @@ class JointTrackingCheck:
         """
         self._names, self._lengths = tuple(names), np.ones(len(names)) * lengths
         self._samples = VectorHistory(SPAN)
-        self._new_images = 0
+        # Stamp of each image after the last evaluation, s, with its velocities (3, n), see `add`.
+        self._new_images: list[tuple[float, tuple[np.ndarray, ...]]] = []
         self.joints, self.reason = "", ""
         # Whether the lagging joints move towards their commands, but too slowly.
         self.is_slow = False
@@ -63,15 +64,18 @@ class JointTrackingCheck:
             late: (n,) whether the loop waits for each joint.
             commanded, measured: (n,) velocities, rad/s or m/s.
         """
-        samples = self._samples
-        samples.add(stamp, np.concatenate((late, commanded, measured)))
-        self._new_images += 1
-        if self._new_images >= CHECK_PERIOD:
-            self._new_images = 0
-            self._judge(stamp - samples.stamps[0])
+        self._new_images.append((stamp, (late, commanded, measured)))
+        if len(self._new_images) >= CHECK_PERIOD:
+            self._judge()
 
-    def _judge(self, span: float) -> None:
-        lags, oscillates, max_speed = _find_faulty_joints(self._samples.rows, self._lengths, span)
+    def _judge(self) -> None:
+        samples = self._samples
+        for stamp, velocities in self._new_images:
+            samples.add(stamp, np.concatenate(velocities))
+        self._new_images.clear()
+        lags, oscillates, max_speed = _find_faulty_joints(
+            samples.rows, self._lengths, samples.stamps[-1] - samples.stamps[0]
+        )
         self.joints, self.is_slow, self.reason = "", True, ""
         is_oscillating = oscillates.any()
         if not is_oscillating and not lags.any():

@@ -44,20 +44,23 @@ MIN_SLOWED_PART = 0.3
 # explains why the error decreases slowly.
 MAX_PERIOD = 0.2
 
+NO_SIZES = np.zeros(0)
+
 
 class ProgressCheck:
     """Check of the progress towards the goal over the last WINDOW seconds."""
 
-    def __init__(self, duration: float = np.inf) -> None:
+    def __init__(self, errors: VectorHistory, duration: float = np.inf) -> None:
         """Create the check.
 
         Args:
+            errors: history to which the error (k,) of each image is added, in units of the
+                tolerance. If the number of components changes, it loses the earlier images.
             duration: time limit of the run, s.
         """
-        self._images: deque[ServoedImage] = deque()
-        # Error (k,) of each of these images and its size, in units of the tolerance. If the number
-        # of components changes, the earlier images are removed from the history.
-        self._errors = VectorHistory(WINDOW)
+        self._images: deque[ServoedImage] = deque()  # images of the last WINDOW seconds
+        self._errors = errors
+        self._running = Outcome()
         self._noise: float | None = None  # result of `noise`; None until it is computed
         self._duration = duration
         self._image_count = self._slowed_count = 0
@@ -72,14 +75,13 @@ class ProgressCheck:
     def clear(self) -> None:
         """Remove all images, because the loop was interrupted."""
         self._images.clear()
-        self._errors.clear()
         self._within_since = self._noise = None
 
     def add(
         self, state: ServoState, tolerances: np.ndarray, depth: float = DEFAULT_DEPTH,
         is_stretched: bool = False,
-    ) -> np.ndarray:
-        """Add one image and return its error (k,), in units of the tolerance.
+    ) -> None:
+        """Add one image.
 
         Args:
             state: state of the loop at the image.
@@ -95,9 +97,7 @@ class ProgressCheck:
         elif self._within_since is None:
             self._within_since = stamp
         self._images.append(ServoedImage(state, error, size, tolerances, depth, is_stretched))
-        row = np.empty(len(error) + 1)
-        row[:-1], row[-1] = error, size
-        self._errors.add(stamp, row)
+        self._errors.add(stamp, error)
         self._image_count += 1
         self._first = self._first or (stamp, size)
         if solution is not None and solution.scale < FULL_SPEED:
@@ -106,7 +106,6 @@ class ProgressCheck:
         self._noise = None
         while self._images[0].state.stamp < stamp - WINDOW:
             self._images.popleft()
-        return error
 
     @property
     def is_shrinking(self) -> bool:
@@ -120,16 +119,22 @@ class ProgressCheck:
             Whether the error has decreased, or its mean is within the tolerances; whether its mean
             in the second half is within the tolerances, so that only noise remains.
         """
-        before, after, is_within = _compute_halves(self._sizes, self._errors.rows)
+        errors = self._latest_errors
+        # sizes of the errors before the number of their components changed
+        sizes = self._sizes[: -len(errors)] if len(errors) < len(self._images) else NO_SIZES
+        before, after, is_within = _compute_halves(sizes, errors)
         is_decreasing = after < 1.0 or after < MIN_PROGRESS * before
         return is_within or is_decreasing or len(self._images) < 2, is_within
 
     @property
     def _sizes(self) -> np.ndarray:
         """Return the sizes (m,) of the errors of all images, in units of the tolerance."""
-        if 0 < len(self._errors) == len(self._images):
-            return self._errors.rows[:, -1]
         return np.array([image.error_size for image in self._images])
+
+    @property
+    def _latest_errors(self) -> np.ndarray:
+        """Return the errors (n, k) of the latest n images with the same number of components."""
+        return self._errors.rows[-len(self._images) :] if self._images else np.empty((0, 0))
 
     @property
     def settled_time(self) -> float:
@@ -153,17 +158,19 @@ class ProgressCheck:
 
         The outcome is 'running' while the error decreases, and while its cause is unknown.
         """
+        if self._running.reason != state.reason:
+            self._running = Outcome("running", state.reason)
         if state.phase != SERVOING or self._span < 0.9 * WINDOW:
-            return Outcome("running", state.reason)
+            return self._running
         is_shrinking, is_within = self._compare_halves()
         if is_shrinking and not is_within:
-            return Outcome("running", state.reason)
+            return self._running
         images = list(self._images)
         if is_shrinking:
             # The mean error is within its tolerances, but the camera has not arrived: a limit of
             # the arm may prevent the last part of the motion.
             held_back = find_limit(images) or find_infeasibility(images)
-            return held_back or Outcome("running", state.reason)
+            return held_back or self._running
         found = (
             find_limit(images)
             or find_rank_loss(images, self.noise)
@@ -185,7 +192,7 @@ class ProgressCheck:
         return self._noise
 
     def _estimate_noise(self) -> float:
-        errors = self._errors.rows[:, :-1]
+        errors = self._latest_errors
         if len(errors) != len(self._images) or len(errors) < 10:
             return 0.0
         scatter = errors.std(axis=0)
@@ -289,7 +296,7 @@ class ProgressCheck:
             return ""
         scale = np.repeat((last.depth, 1.0), 3)
         inverse = np.linalg.pinv(L * scale / last.tolerances[:, None], rcond=1e-6)
-        pose = (self._errors.rows[:, :-1] @ inverse.T * scale).std(axis=0)
+        pose = (self._latest_errors @ inverse.T * scale).std(axis=0)
         distance, angle = 1e3 * np.linalg.norm(pose[:3]), np.degrees(np.linalg.norm(pose[3:]))
         return (
             f": one image determines the camera's pose to {distance:.2g} mm and "
@@ -299,27 +306,33 @@ class ProgressCheck:
 
 @jit("f8[:], f8[:,:]", allocates=False)
 def _compute_halves(sizes, errors):
-    """Compare the errors in the second half of m images with those in the first half.
+    """Compare the errors in the second half of m + n images with those in the first half.
 
     Args:
-        sizes: (m,) largest error component of each image, in units of the tolerance.
-        errors: (n, k + 1) errors of the last n images, n <= m, and their sizes.
+        sizes: (m,) largest error component of each earlier image, in units of the tolerance.
+        errors: (n, k) errors of the last n images.
 
     Returns:
         The largest sizes in the first and in the second half; whether each mean error in the second
         half is within its tolerance.
     """
-    count, half = len(sizes), len(sizes) // 2
-    before = after = 0.0
+    count = len(sizes) + len(errors)
+    half, before, after = count // 2, 0.0, 0.0
     for i in range(count):
-        if i < half:
-            before = max(before, sizes[i])
+        size = 0.0
+        if i < len(sizes):
+            size = sizes[i]
         else:
-            after = max(after, sizes[i])
+            for k in range(errors.shape[1]):
+                size = max(size, abs(errors[i - len(sizes), k]))
+        if i < half:
+            before = max(before, size)
+        else:
+            after = max(after, size)
     late = count - half
     is_within = 0 < late <= len(errors)
     if is_within:
-        for k in range(errors.shape[1] - 1):
+        for k in range(errors.shape[1]):
             total = 0.0
             for i in range(len(errors) - late, len(errors)):
                 total += errors[i, k]

@@ -11,7 +11,11 @@ import numpy as np
 from aras_visual_servo_base.compiled import jit
 
 from ..observation.observation import Observation
-from .feature_rows import DRIFT, ERROR, FIRST_L, IS_ANGLE, TOLERANCE, PreviousFeatures
+from .feature_rows import DRIFT, ERROR, FIRST_L, IS_ANGLE, TOLERANCE, FeatureHistory
+
+# A step of the error between two images is a jump if it exceeds MIN_JUMP tolerances and JUMP_FACTOR
+# times the larger of two values: the typical step, and the step that the camera's motion explains.
+MIN_JUMP, JUMP_FACTOR = 20.0, 8.0
 
 
 @dataclass(frozen=True)
@@ -49,16 +53,14 @@ class StepCheck:
             should have changed it by MIN_PREDICTED_MOTION tolerances, s; None while the error
             changes.
         has_drift: whether the features have moved steadily while the camera was at rest.
+        target_motion_part: fraction of the features' motion in the last RECENT_IMAGES images that
+            is the target's own, 0 to 1.
         names: (k,) names of the features.
         typical_step: usual size of the unexplained steps, in units of the tolerance.
     """
 
     # The error jumps repeatedly if it has jumped FREQUENT_JUMPS times within JUMP_WINDOW seconds.
     JUMP_WINDOW, FREQUENT_JUMPS = 2.0, 4
-    # A step of the error between two images is a jump if it exceeds MIN_JUMP tolerances and
-    # JUMP_FACTOR times the larger of two values: the typical step, and the step that the camera's
-    # motion explains.
-    MIN_JUMP, JUMP_FACTOR = 20.0, 8.0
     STEP_MEMORY = 0.9  # weight of the old value in the running means of the steps
     # `unchanged_since` is set if the error has not changed in UNCHANGED_IMAGES images although the
     # features should have moved by MIN_PREDICTED_MOTION tolerances.
@@ -93,33 +95,19 @@ class StepCheck:
         self.first_jump: Jump | None = None
         self.unchanged_since: float | None = None
         self.names: tuple[str, ...] = ()
-        self._previous = PreviousFeatures()
         self.typical_step, self._count = 1.0, 0
         self._same_count, self._same_stamp, self._path = 0, 0.0, 0.0
         # Sums over the images since the camera came to rest: number of images, squared steps of the
         # features, and steps (k,), in units of the tolerance.
         self._rest_sums: tuple[int, float, np.ndarray | float] = 0, 0.0, 0.0
         self.has_drift = False
-        self._steps: deque[tuple[float, float, float]] = deque(maxlen=self.RECENT_IMAGES)
+        # Squared steps of all features in the last images, the newest last: measured, unexplained
+        # and predicted steps.
+        self._steps, self.target_motion_part = np.zeros((self.RECENT_IMAGES, 3)), 0.0
         # Sums over all complete rows, (3, k): measured times predicted motion, squared measured
         # motion, squared predicted motion. The incomplete row, (2, k), contains the measured and
         # predicted motion so far.
         self._correlation_sums, self._row = np.zeros((3, 0)), np.zeros((2, 0))
-
-    @property
-    def target_motion_part(self) -> float:
-        """Return the fraction of the features' latest motion that is the target's own, 0 to 1.
-
-        The last RECENT_IMAGES images are evaluated.
-        """
-        if not self._steps:
-            return 0.0
-        whole = rest = predicted = 0.0
-        for step in self._steps:
-            whole, rest, predicted = whole + step[0], rest + step[1], predicted + step[2]
-        # A smaller motion of the features may also be due to a wrong mounting of the camera, so it
-        # is not attributed to the target.
-        return rest / whole if whole > max(self.MIN_JUMP, self.JUMP_FACTOR * predicted) else 0.0
 
     @property
     def has_frequent_jumps(self) -> bool:
@@ -171,48 +159,44 @@ class StepCheck:
         return float(np.sqrt(moved / max(predicted, 1.0)))
 
     def add(
-        self, features: np.ndarray | None, names: tuple[str, ...], observation: Observation
+        self, features: FeatureHistory, names: tuple[str, ...], observation: Observation
     ) -> None:
         """Add one image.
 
         Args:
-            features: (k, 10) features of the image, see `feature_rows`; None if there is no L.
+            features: features of the image and of the one before it.
             names: (k,) names of the features.
             observation: observation of the image.
         """
-        before = self._previous.replace(features, observation)
-        if features is None:
+        before, now = features.before, features.now
+        if now is None:
             return
-        count = len(features)
         if before is None:
             self._same_stamp, self._same_count, self._path = observation.stamp, 0, 0.0
-            self._steps.clear()
+            self._steps[:], self.target_motion_part = 0.0, 0.0
             return
         self.names = names
-        if self._row.shape[1] != count:
-            self._correlation_sums, self._row = np.zeros((3, count)), np.zeros((2, count))
+        if self._row.shape[1] != len(now):
+            self._correlation_sums, self._row = np.zeros((3, len(now))), np.zeros((2, len(now)))
             self._rest_sums = 0, 0.0, 0.0
-        largest, at, explained, moved, unexplained, path, wrapped = _compare_step(
-            before, features, observation.motion, observation.dt, self._min_row, self._row,
-            self._correlation_sums,
+        largest, at, explained, moved, path, part = _compare_step(
+            before, now, observation.motion, observation.dt, self._min_row, self._row,
+            self._correlation_sums, self._steps,
         )  # fmt: skip
-        if wrapped:
+        if at < 0:  # an angle has wrapped
             self._row[:] = 0.0
             return
+        self.target_motion_part = part
         if path > self.MAX_REST_MOTION:
             self._rest_sums = 0, 0.0, 0.0
         elif not self.has_drift and self._rest_sums[0] < self.MAX_REST_IMAGES:
-            change = features[:, ERROR] - before[:, ERROR]
-            self._add_rest_step(moved, change / features[:, TOLERANCE])
-        self._steps.append((moved, unexplained, count * path * path))
+            self._add_rest_step(moved, (now[:, ERROR] - before[:, ERROR]) / now[:, TOLERANCE])
         self._count += 1
         if self._count <= self.RECENT_IMAGES:
             self.typical_step = max(self.typical_step, largest)
-        elif largest > max(self.MIN_JUMP, self.JUMP_FACTOR * max(self.typical_step, explained)):
-            change = abs(features[at, ERROR] - before[at, ERROR])
-            jump = Jump(
-                observation.stamp, names[at], change, explained * features[at, TOLERANCE]
-            )
+        elif largest > MIN_JUMP and largest > JUMP_FACTOR * max(self.typical_step, explained):
+            change = abs(now[at, ERROR] - before[at, ERROR])
+            jump = Jump(observation.stamp, names[at], change, explained * now[at, TOLERANCE])
             self.jumps.append(jump)
             self.first_jump = self.first_jump or jump
         else:
@@ -244,8 +228,8 @@ class StepCheck:
         )
 
 
-@jit("f8[:,::1], f8[:,::1], f8[:], f8, f8, f8[:,::1], f8[:,::1]", allocates=False)
-def _compare_step(before, now, motion, dt, min_row, row, sums):
+@jit("f8[:,::1], f8[:,::1], f8[:], f8, f8, f8[:,::1], f8[:,::1], f8[:,::1]", allocates=False)
+def _compare_step(before, now, motion, dt, min_row, row, sums, steps):
     """Compare one step of the features with the camera's motion.
 
     Args:
@@ -257,16 +241,18 @@ def _compare_step(before, now, motion, dt, min_row, row, sums):
         row: (2, k) measured and predicted motion of the incomplete row; modified in place.
         sums: (3, k) sums over complete rows of measured times predicted motion, measured motion
             squared, predicted motion squared; modified in place.
+        steps: (m, 3) squared steps of the last images, see `StepCheck`; modified in place.
 
     Returns:
-        The largest unexplained step, in units of the tolerance; the index of its feature; the
-        explained step of this feature; the sums of the squares of all steps and of the unexplained
-        steps, in units of the tolerance; the largest predicted step; whether an angle wrapped.
+        The largest unexplained step, in units of the tolerance; the index of its feature, -1 if an
+        angle wrapped; the explained step of this feature; the sum of the squares of all steps, in
+        units of the tolerance; the largest predicted step; the fraction of the features' motion in
+        the last images that is the target's own.
     """
     largest, at, explained, square, unexplained, path, longest = -1.0, 0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(len(now)):
         if now[i, IS_ANGLE] > 0.0 and abs(now[i, ERROR] - before[i, ERROR]) > 1.0:
-            return 0.0, 0, 0.0, 0.0, 0.0, 0.0, True
+            return 0.0, -1, 0.0, 0.0, 0.0, 0.0
     for i in range(len(now)):
         predicted, tolerance = 0.0, now[i, TOLERANCE]
         for j in range(FIRST_L, FIRST_L + 6):
@@ -290,4 +276,14 @@ def _compare_step(before, now, motion, dt, min_row, row, sums):
             sums[1, i] += moved * moved
             sums[2, i] += predicted * predicted
             row[0, i] = row[1, i] = 0.0
-    return largest, at, explained, square, unexplained, path, False
+    last, whole, rest, known = len(steps) - 1, 0.0, 0.0, 0.0
+    for n in range(last):
+        for j in range(3):
+            steps[n, j] = steps[n + 1, j]
+    steps[last, 0], steps[last, 1], steps[last, 2] = square, unexplained, len(now) * path * path
+    for n in range(last + 1):
+        whole, rest, known = whole + steps[n, 0], rest + steps[n, 1], known + steps[n, 2]
+    # A smaller motion of the features may also be due to a wrong mounting of the camera, so it is
+    # not attributed to the target.
+    part = rest / whole if whole > max(MIN_JUMP, JUMP_FACTOR * known) else 0.0
+    return largest, at, explained, square, path, part

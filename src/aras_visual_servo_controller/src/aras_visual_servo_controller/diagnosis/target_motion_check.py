@@ -21,7 +21,7 @@ from .feature_rows import (
     FIRST_L,
     IS_ANGLE,
     TOLERANCE,
-    PreviousFeatures,
+    FeatureHistory,
     pack_features,
 )
 from .motion_fits import (
@@ -111,60 +111,61 @@ class TargetMotionCheck:
         self._origin = np.zeros(3)
         self._new_rows = 0
         self._motion_text = ""
-        self._previous = PreviousFeatures()
-        self._start_row()
+        self._centre = FeatureHistory()  # position of the target's centre
+        self._features: np.ndarray | None = None  # features of the last image
+        # Present row of the fit: sums over its images, duration, s, and number of images.
+        self._row, self._time, self._image_count = np.empty(0), 0.0, 0
 
     @property
     def is_moving(self) -> bool:
         """Return whether the target moves according to the last fit."""
         return bool(self._motion_text)
 
-    def add(self, features: np.ndarray | None, observation: Observation, goal: Goal) -> str:
+    def add(self, features: FeatureHistory | None, observation: Observation, goal: Goal) -> str:
         """Add one image and describe how the target moves; empty text if it is at rest.
 
         Args:
-            features: (k, 10) features of the image, see `feature_rows`; None if there is no L that
-                belongs to the present view. The target's centre is then used instead.
+            features: features of the image and of the one before it; None if L does not belong to
+                the present view. The target's centre is then used instead, and also if there is no
+                L.
             observation: observation of the image.
             goal: goal of the run.
         """
-        if features is None:
+        if features is None or features.now is None:
             centre, L = compute_centre(observation, goal)
-            features = pack_features(centre, L, 0.0, self.CENTRE_TOLERANCE, True)
-        before = self._previous.replace(features, observation)
-        motion, pose, count = observation.motion, observation.world_T_camera, len(features)
-        if before is None or pose is None:
-            self._start_row()
+            features = self._centre
+            features.add(pack_features(centre, L, 0.0, self.CENTRE_TOLERANCE, True), observation)
+        # The check has not processed the image before this one if an earlier diagnosis reported an
+        # outcome for it.
+        before = features.before if features.before is self._features else None
+        now, pose = features.now, observation.world_T_camera
+        self._features = now
+        if before is None or pose is None or not now.size:
+            self._image_count = 0
             return self._motion_text
         if not self._image_count:
-            self._sums = np.zeros((count, 7))
-        if not count or _add_step(before, features, observation.dt, self._sums):
-            self._start_row()
+            self._row, self._time = np.zeros(7 * len(now) - MOTION.start), 0.0
+        if _add_step(before, now, observation.motion, observation.dt, self._row):
+            self._image_count = 0  # start a new row
             return self._motion_text
         self._time += observation.dt
         self._image_count += 1
-        self._motion = self._motion + motion
         if self._time >= self.ROW_PERIOD:
             self._add_row(observation.stamp - 0.5 * self._time, pose)
         return self._motion_text
 
-    def _start_row(self) -> None:
-        """Start a new row of the fit, which sums the motions after this image."""
-        self._time, self._image_count = 0.0, 0
-        self._motion = np.zeros(6)
-
     def _add_row(self, stamp: float, pose: np.ndarray) -> None:
-        row = np.concatenate([
-            self._sums[:, 0], self._sums[:, 1:].ravel() / self._image_count, self._motion,
-            pose.ravel(), [self._time],
-        ])  # fmt: skip
-        rows = self._rows
-        if rows.width != len(row):  # there is no row yet, or the number of features has changed
+        row, rows = self._row, self._rows
+        count = (row.size + MOTION.start) // 7
+        row[count : 7 * count] /= self._image_count
+        row[POSE], row[-1] = pose.ravel(), self._time
+        if rows.rows.shape[1] != row.size:
+            # There is no row yet, or the number of features has changed.
             self._origin = pose[:3, 3]
         rows.add(stamp, row)
-        self._start_row()
+        self._image_count = 0
         self._new_rows += 1
-        if len(rows) >= self.MIN_ROWS and self._new_rows >= self.CHECK_PERIOD:
+        if len(rows.rows) >= self.MIN_ROWS and self._new_rows >= self.CHECK_PERIOD:
             self._new_rows = 0
             self._motion_text = self._describe_motion()
 
@@ -299,29 +300,33 @@ def compute_centre(observation: Observation, goal: Goal) -> tuple[np.ndarray, np
     return centre[0], point_interaction(centre, np.array([1.0 / depth]))
 
 
-@jit("f8[:,::1], f8[:,::1], f8, f8[:,::1]", allocates=False)
-def _add_step(before, now, dt, sums):
-    """Add the motion of the features between two images, and the mean L of these images.
+@jit("f8[:,::1], f8[:,::1], f8[:], f8, f8[::1]", allocates=False)
+def _add_step(before, now, motion, dt, row):
+    """Add the motions of features and camera between two images, and the mean L of these images.
 
-    Motion and L are divided by the tolerances.
+    The motion of the features and L are divided by the tolerances.
 
     Args:
         before, now: (k, 10) features of the previous and of the present image, see `feature_rows`.
+        motion: (6,) motion of the camera between the two images.
         dt: time between the two images, s.
-        sums: (k, 7) sums of the feature motions and of the mean L; modified in place.
+        row: (7 k + 23,) row of the fit, see `TargetMotionCheck`; the sums of the feature motions
+            (k,), of the mean L (6 k,) and of the camera's motion (6,) are modified in place.
 
     Returns:
         Whether an angle has wrapped, that is, has changed by more than 1 rad.
     """
-    wrapped = False
-    for i in range(len(now)):
+    wrapped, count = False, len(now)
+    for j in range(6):
+        row[7 * count + j] += motion[j]
+    for i in range(count):
         tolerance_before, tolerance = before[i, TOLERANCE], now[i, TOLERANCE]
         error_before, error = before[i, ERROR] / tolerance_before, now[i, ERROR] / tolerance
         wrapped |= now[i, IS_ANGLE] > 0.0 and abs((error - error_before) * tolerance) > 1.0
         drift = before[i, DRIFT] / tolerance_before
         drift += now[i, DRIFT] / tolerance
-        sums[i, 0] = sums[i, 0] + error - error_before - 0.5 * drift * dt
+        row[i] = row[i] + error - error_before - 0.5 * drift * dt
         for j in range(6):
             mean = before[i, FIRST_L + j] / tolerance_before + now[i, FIRST_L + j] / tolerance
-            sums[i, 1 + j] += 0.5 * mean
+            row[count + 6 * i + j] += 0.5 * mean
     return wrapped

@@ -64,7 +64,7 @@ class ViewCheck:
 
     def __len__(self) -> int:
         """Return the number of averaged images."""
-        return min(len(self._views) + len(self._pending_views), MAX_WINDOW)
+        return min(len(self._views.rows) + len(self._pending_views), MAX_WINDOW)
 
     def clear(self) -> None:
         """Remove all images."""
@@ -76,18 +76,20 @@ class ViewCheck:
 
     def add(self, observation: Observation) -> None:
         """Add one image."""
-        names = tuple(observation.cameras) if observation.other_cameras else ()
-        if names != self._names:
-            self._names, goal = names, self._goal
-            # A camera without a goal is compared with the goal of the first camera.
-            goals = [goal.cameras.get(name, goal) for name in names] or [goal]
-            self._goal_views = [_GoalView(one) for one in goals]
-        moments = [view.moments for view in (observation, *observation.other_cameras.values())]
+        moments, others = [observation.moments], observation.other_cameras
+        if others or self._names:
+            names = tuple(observation.cameras) if others else ()
+            if names != self._names:
+                self._names, goal = names, self._goal
+                # A camera without a goal is compared with the goal of the first camera.
+                goals = [goal.cameras.get(name, goal) for name in names] or [goal]
+                self._goal_views = [_GoalView(one) for one in goals]
+            moments += [view.moments for view in others.values()]
         self._pending_views.append((observation.stamp, moments))
 
     def retain(self, count: int) -> None:
         """Compare the new images with the goal, and remove all but the latest `count` images."""
-        if self._pending_views or len(self._views) > count:
+        if self._pending_views or len(self._views.rows) > count:
             self._average = None
         while len(self._pending_views) > count:
             self._pending_views.popleft()
@@ -96,7 +98,7 @@ class ViewCheck:
                 goal.compare(moments) for moments, goal in zip(views, self._goal_views, strict=True)
             ]))  # fmt: skip
         self._pending_views.clear()
-        self._views.drop_oldest(max(len(self._views) - count, 0))
+        self._views.drop_oldest(max(len(self._views.rows) - count, 0))
 
     def set_expected_place(
         self, observation: Observation, L: np.ndarray, covariance: np.ndarray
@@ -123,7 +125,7 @@ class ViewCheck:
                 the signs of the third-order moments.
         """
         self.retain(MAX_WINDOW)
-        if len(self._views) < MIN_VIEWS:
+        if len(self._views.rows) < MIN_VIEWS:
             return False
         mean, unknown = (part[:, :SHAPE_NUMBERS] for part in self._average_views())
         differs = np.abs(mean) > 1.0 + unknown
@@ -145,7 +147,7 @@ class ViewCheck:
             measure it.
         """
         self.retain(MAX_WINDOW)
-        if len(self._views) < MIN_VIEWS or self._expected_place is None:
+        if len(self._views.rows) < MIN_VIEWS or self._expected_place is None:
             return "", np.zeros(6)
         mean, unknown = (part[:, SHAPE_NUMBERS:].ravel() for part in self._average_views())
         return self._expected_place.compare(mean, unknown, offset)

@@ -27,32 +27,41 @@ class FeaturesContradict(DiagnosisRule):
     reads = "steps of the features and of the target's centre, L (`feature_motion_check.py`)"
     kinds = ("scheme_fault",)
 
+    def __init__(self) -> None:
+        self._units: tuple[str, ...] = ()  # units of the scheme's error
+        self._is_angle: np.ndarray | bool = True
+
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
         """Diagnose one image, see `DiagnosisRule.judge`."""
         state, observation, goal = record.state, record.observation, evidence.run_context.goal
         scheme, motion = evidence.run_context.scheme, evidence.motion_check
         output, tolerances = state.scheme_output, np.asarray(scheme.tolerances, float)
-        evidence.error = evidence.progress_check.add(
+        evidence.progress_check.add(
             state, tolerances, goal.distance,
             bool(evidence.run_context.elbows) and evidence.is_stretched(state.joints),
         )
-        # The error of an angle, or of a feature without a unit, may jump by one turn; that of a
-        # length cannot.
-        is_angle = [unit != "m" for unit in scheme.units]
-        if len(is_angle) != len(tolerances):
-            is_angle = True
-        evidence.features = features = pack_features(
-            output.error, output.L, output.error_drift, tolerances, is_angle
-        )
+        units = tuple(scheme.units)
+        if units != self._units or len(units) != tolerances.size:
+            # The error of an angle, or of a feature without a unit, may jump by one turn; that of a
+            # length cannot.
+            is_known = len(units) == tolerances.size
+            self._units = units
+            self._is_angle = np.array([unit != "m" for unit in units]) if is_known else True
+        features = evidence.features
+        features.add(pack_features(
+            output.error, output.L, output.error_drift, tolerances, self._is_angle
+        ), observation)  # fmt: skip
         # The L of a user-defined feature may be wrong. For such features, the target's motion is
         # computed from the target's centre instead, whose L is known.
+        is_user_scheme = motion.is_user_scheme
         is_current = getattr(scheme, "can_check_camera", True)
-        can_judge = is_current and not motion.is_user_scheme
         evidence.target_motion = evidence.target_check.add(
-            features if can_judge else None, observation, goal
+            features if is_current and not is_user_scheme else None, observation, goal
         )
-        motion.is_current_interaction = is_current or motion.is_user_scheme
-        motion.add(features, output.names, observation)
+        motion.is_current_interaction = is_current or is_user_scheme
+        motion.step_check.add(features, output.names, observation)
+        if is_user_scheme:
+            motion.add_centre(observation)
         fault = motion.find_scheme_fault(state.stamp, state.phase == CONVERGED)
         return make_outcome("scheme_fault", fault) if fault else None
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 from ...records.outcomes import JOINTS_DO_NOT_FOLLOW, Outcome, make_outcome
 from ...records.remedy import Remedy
 from ...records.run_record import ImageRecord
-from ...records.state import CONVERGED, STOPPED
+from ...records.state import CONVERGED, HOLDING, STOPPED
 from ..advice import suggest_faster_joints
 from ..base import DIAGNOSES, DiagnosisRule
 from ..evidence import Evidence
@@ -23,6 +23,7 @@ class SchemeFailed(DiagnosisRule):
     help = "the scheme raised an error or returned an impossible output"
     reads = "output of the scheme for the image"
     kinds = ("scheme_fault",)
+    phases = (HOLDING,)
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
         """Diagnose one image, see `DiagnosisRule.judge`."""
@@ -36,11 +37,11 @@ class Stopped(DiagnosisRule):
     help = "the loop was stopped and waits for start"
     reads = "phase of the loop"
     kinds = ("stopped",)
+    phases = (STOPPED,)
 
-    def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
+    def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome:
         """Diagnose one image, see `DiagnosisRule.judge`."""
-        state = record.state
-        return make_outcome("stopped", state.reason) if state.phase == STOPPED else None
+        return make_outcome("stopped", record.state.reason)
 
 
 @DIAGNOSES.register("joints_do_not_follow")

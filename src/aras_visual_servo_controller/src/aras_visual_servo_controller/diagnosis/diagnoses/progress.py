@@ -33,14 +33,13 @@ class Converged(DiagnosisRule):
     help = "the mean error is within the tolerances; is the camera at its goal?"
     reads = "mean error, its noise, L, view and pose at the goal (`arrival_check.py`)"
     kinds = ("converged", "ambiguous")
+    phases = (CONVERGED,)
 
     # Factor on the uncertainty of the pose if the camera model is wrong.
     INTERACTION_ERROR_FACTOR = 2.0
 
-    def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
+    def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome:
         """Diagnose one image, see `DiagnosisRule.judge`."""
-        if record.state.phase != CONVERGED:
-            return None
         found, fault = _make_arrival_outcome(record.state.arrival_status), evidence.camera_fault
         if found.kind == "ambiguous" and evidence.motion_check.is_user_scheme:
             found = replace(found, remedy=CHECK_FEATURE_ORDER)
@@ -85,6 +84,8 @@ class NotConverging(DiagnosisRule):
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome:
         """Diagnose one image, see `DiagnosisRule.judge`."""
         stalled = evidence.oscillation or evidence.progress_check.explain_stall(record.state)
-        if evidence.run_context.unreachable_reason and stalled.kind != "running":
+        if stalled.kind == "running":
+            return stalled
+        if evidence.run_context.unreachable_reason:
             return make_outcome("out_of_reach", evidence.run_context.unreachable_reason)
         return evidence.add_advice(stalled)

@@ -13,6 +13,7 @@ from ...records.state import CONVERGED
 from ..base import DIAGNOSES, DiagnosisRule
 from ..camera_model_check import CameraModelCheck
 from ..evidence import Evidence, combine_outcomes
+from ..feature_rows import FeatureHistory
 
 
 @DIAGNOSES.register("target_moves")
@@ -49,16 +50,15 @@ class TargetMoves(DiagnosisRule):
             # The camera checks have used images in which the target moved, so they start again.
             evidence.camera_checks.clear()
         elif getattr(run.scheme, "can_check_camera", True):
-            for name, features in split_by_camera(
-                evidence.features, state.scheme_output.names, observation
-            ).items():
+            cameras = {observation.name: evidence.features}
+            if observation.other_cameras:
+                cameras = _add_by_camera(evidence, state.scheme_output.names, observation)
+            for name, features in cameras.items():
                 check = evidence.camera_checks.get(name)
                 if check is None:
                     check = evidence.camera_checks[name] = CameraModelCheck(run.jacobian)
                 check.add(features, observation)
-        evidence.oscillation = evidence.gain_check.add(
-            state.stamp, evidence.error, run.scheme, record.age
-        )
+        evidence.oscillation = evidence.gain_check.add(state.stamp, run.scheme, record.age)
         evidence.is_oscillation_fast = (
             evidence.oscillation is not None and evidence.gain_check.is_fast
         )
@@ -78,21 +78,29 @@ class TargetMoves(DiagnosisRule):
         )
 
 
+def _add_by_camera(
+    evidence: Evidence, names: Sequence[str], observation: Observation
+) -> dict[str, FeatureHistory]:
+    """Add the features of an image to those of their cameras, and return these by camera name."""
+    found = split_by_camera(evidence.features.now, names, observation)
+    for name, features in found.items():
+        evidence.camera_features.setdefault(name, FeatureHistory()).add(features, observation)
+    return {name: evidence.camera_features[name] for name in found}
+
+
 def split_by_camera(
     features: np.ndarray | None, names: Sequence[str], observation: Observation
-) -> dict[str, np.ndarray | None]:
-    """Split the features of an image by camera, and return them by the camera's name.
+) -> dict[str, np.ndarray]:
+    """Split the features of an image of several cameras, and return them by the camera's name.
 
-    If there are several cameras, a feature that belongs to one of them is named 'camera.feature'.
-    All other features may use every camera and have an empty camera name.
+    A feature that belongs to one of the cameras is named 'camera.feature'. All other features may
+    use every camera and have an empty camera name.
 
     Args:
         features: (k, 10) features of the image, see `feature_rows`; None if there is no L.
         names: (k,) names of the features.
         observation: observation of the image.
     """
-    if not observation.other_cameras:
-        return {observation.name: features}
     if features is None:
         return {}
     rows: dict[str, list[int]] = {}

@@ -35,26 +35,21 @@ class WrongObject(DiagnosisRule):
         direction also changes the visible shape.
         """
         state, observation = record.state, record.observation
-        if not (fault := self._explain_mismatch(observation, evidence.run_context.goal)):
+        fault, goals = "", evidence.run_context.goal.cameras
+        for name, view in observation.cameras.items():
+            check = self._shapes.get(name)
+            if check is None:
+                check = self._shapes[name] = ShapeCheck()
+            found = check.add(view, goals[name]) if name in goals else ""
+            if found and not fault:
+                fault = f"camera {name}: {found}" if observation.other_cameras else found
+        if not fault:
             return None
         if found := evidence.motion_check.find_scheme_fault(state.stamp, state.phase == CONVERGED):
             return make_outcome("scheme_fault", found)
         if found := evidence.find_camera_fault(observation):
             return evidence.explain_contradiction(found)
         return evidence.explain_occlusion(make_outcome("wrong_object", fault))
-
-    def _explain_mismatch(self, observation: Observation, goal: Goal) -> str:
-        """Describe why the visible object is not the goal's target; empty text if it can be."""
-        found, goals = "", goal.cameras
-        for name, view in observation.cameras.items():
-            check = self._shapes.get(name)
-            if check is None:
-                check = self._shapes[name] = ShapeCheck()
-            fault = check.add(view, goals[name]) if name in goals else ""
-            found = found or (
-                f"camera {name}: {fault}" if fault and observation.other_cameras else fault
-            )
-        return found
 
 
 class ShapeCheck:
@@ -90,15 +85,19 @@ class ShapeCheck:
             spread = gyration_radius(desired) ** 2 / desired.m00
             there = 0.0 if goal.plane is None else tilt(goal.plane)
             self._desired = desired, spread, anisotropy(desired), there
+        ratio = gyration_radius(measured) ** 2 / measured.m00 / self._desired[1]
+        elongation_difference = abs(anisotropy(measured) - self._desired[2])
+        if (
+            1.0 / self.MAX_COMPACTNESS_RATIO < ratio < self.MAX_COMPACTNESS_RATIO
+            and elongation_difference <= self.MAX_ANISOTROPY_DIFFERENCE
+        ):
+            self._mismatch_count = 0
+            return ""
         here = 0.0 if observation.plane is None else tilt(observation.plane)
         if here > self.MAX_TILT and abs(here - self._desired[3]) > self.MIN_TILT_DIFFERENCE:
             self._mismatch_count = 0
             return ""
-        ratio = gyration_radius(measured) ** 2 / measured.m00 / self._desired[1]
-        elongation_difference = abs(anisotropy(measured) - self._desired[2])
-        is_different = not 1.0 / self.MAX_COMPACTNESS_RATIO < ratio < self.MAX_COMPACTNESS_RATIO
-        is_different |= elongation_difference > self.MAX_ANISOTROPY_DIFFERENCE
-        self._mismatch_count = self._mismatch_count + 1 if is_different else 0
+        self._mismatch_count += 1
         if self._mismatch_count < self.MIN_IMAGES:
             return ""
         return (

@@ -118,10 +118,10 @@ class ArrivalCheck:
                 scheme_output, directions[1], goal.distance, observation.world_T_camera
             )
         # The stored offsets of the camera are removed if L does not determine the present one.
-        if row is None:
-            self._offsets.clear()
-        else:
+        if row is not None:
             self._offsets.add(observation.stamp, row)
+        elif self._offsets.rows.size:
+            self._offsets.clear()
         offsets, reason = None, ""
         if settled and row is not None:
             observable = compute_observable(scheme_output, directions[1], goal.distance)

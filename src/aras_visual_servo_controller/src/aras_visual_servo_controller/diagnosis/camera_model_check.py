@@ -86,6 +86,10 @@ class CameraModelCheck:
     the camera's motion is computed from the joint positions at the exposures. If the joint speeds
     at two images do not explain how far the joints moved in between, the pair gets a smaller
     weight.
+
+    Attributes:
+        fault: how the features contradict the camera model, as text; empty if they do not; None if
+            the fit has not been evaluated since its last row.
     """
 
     def __init__(self, jacobian: Callable[[np.ndarray], np.ndarray] | None = None) -> None:
@@ -107,7 +111,7 @@ class CameraModelCheck:
         # joints at the previous and at this image, and the features.
         self._start, self._sums = np.empty((0, 10)), NO_ROW
         self._images: list[tuple[JointSample | None, JointSample | None, np.ndarray]] = []
-        self._fault: str | None = ""
+        self.fault: str | None = ""
 
     def add(self, features: FeatureHistory, observation: Observation) -> None:
         """Add one image.
@@ -165,18 +169,14 @@ class CameraModelCheck:
         self._last_row = self._sums
         self._path_length += weight * predicted
         self._count += len(self._sums)
-        self._fault = None
+        self.fault = None
 
     def find_fault(self) -> str:
-        """Describe how the features contradict the camera model.
+        """Evaluate the fit, and return the attribute `fault`."""
+        self.fault = self._describe_fault() if self._path_length > MIN_PATH else ""
+        return self.fault
 
-        Return an empty text if they do not.
-        """
-        if self._fault is None:
-            self._fault = self._evaluate() if self._path_length > MIN_PATH else ""
-        return self._fault
-
-    def _evaluate(self) -> str:
+    def _describe_fault(self) -> str:
         depth, misfit, rest, direction, other_direction, scale, other_scale = _fit_scales(
             self._products, self._count
         )

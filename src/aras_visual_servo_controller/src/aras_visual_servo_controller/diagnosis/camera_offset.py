@@ -167,8 +167,9 @@ def compute_offset(
         L_free = (L / scale) @ free.T
         found = solve_least_squares(L_free.T @ L_free, L_free.T @ error, RANK_TOLERANCE**2)
         return np.append(found @ free / scale, NO_POSE if pose is None else pose)
-    row = _solve_offset(L, error, free, depth, NO_POSE if pose is None else pose)
-    return row if len(row) else None
+    row = np.empty(22)
+    is_found = _solve_offset(L, error, free, depth, NO_POSE if pose is None else pose, row)
+    return row if is_found else None
 
 
 def compute_observable(scheme_output: SchemeOutput, free: np.ndarray, depth: float) -> np.ndarray:
@@ -356,15 +357,15 @@ def _average_all(rows, observable, count, latest_scatter, latest_count, noise):
     return is_better, mean, scatter, count
 
 
-@jit("f8[:,:], f8[:], f8[:,:], f8, f8[:,:]")
-def _solve_offset(L, error, free, depth, pose):
-    """Return the row (22,) of `compute_offset` for L (k, 6), error (k,) and pose (4, 4).
+@jit("f8[:,:], f8[:], f8[:,:], f8, f8[:,:], f8[::1]")
+def _solve_offset(L, error, free, depth, pose, row):
+    """Write the row (22,) of `compute_offset` for L (k, 6), error (k,) and pose (4, 4).
 
-    Return an empty row if L or the error is not finite.
+    Return whether L and the error are finite.
     """
     if not is_task_finite(L, error):
-        return np.empty(0)
-    scaled, turned, row = L.copy(), free.copy(), np.empty(22)
+        return False
+    scaled, turned = L.copy(), free.copy()
     for j in range(3, 6):
         for i in range(len(L)):
             scaled[i, j] /= depth
@@ -377,4 +378,4 @@ def _solve_offset(L, error, free, depth, pose):
     for i in range(4):
         for j in range(4):
             row[6 + 4 * i + j] = pose[i, j]
-    return row
+    return True

@@ -103,11 +103,23 @@ class Diagnosis:
 
     def add(self, record: Record) -> Outcome:
         """Add an image or an event and return the present outcome."""
-        if isinstance(record, ImageRecord):
-            self._add_image(record)
-        else:
+        if isinstance(record, RunEvent):
             self._add_event(record)
-        return self.outcome if self._faults else self.evidence.current_outcome
+            return self.outcome
+        stamp, evidence, joints = record.state.stamp, self.evidence, record.joints
+        if joints is not None:
+            evidence.joint_check.add(
+                stamp, joints.is_late, joints.commanded_velocities, joints.measured_velocities
+            )
+        self._image_count += 1
+        if self._starvation_count and self._stamps:
+            self._longest_gap = max(self._longest_gap, stamp - self._stamps[-1])
+        self._stamps.append(stamp)
+        if record.is_faulty:
+            self._faults.append((stamp, record.state.reason))
+        if not self._is_ended:
+            self._judge(record)
+        return self.outcome if self._faults else evidence.current_outcome
 
     def _add_event(self, event: RunEvent) -> None:
         if event.kind == "started":
@@ -194,23 +206,11 @@ class Diagnosis:
         is_slow = found.kind in ("no_progress", "timed_out")
         return is_slow and self.evidence.gain_check.explain_timeout(reason) or found
 
-    def _add_image(self, record: ImageRecord) -> None:
-        stamp, evidence, joints = record.state.stamp, self.evidence, record.joints
-        if joints is not None:
-            evidence.joint_check.add(
-                stamp, joints.is_late, joints.commanded_velocities, joints.measured_velocities
-            )
-        self._image_count += 1
-        if self._stamps and self._starvation_count:
-            self._longest_gap = max(self._longest_gap, stamp - self._stamps[-1])
-        self._stamps.append(stamp)
-        if record.is_faulty:
-            self._faults.append((stamp, record.state.reason))
-        if self._is_ended:
-            return
+    def _judge(self, record: ImageRecord) -> None:
+        """Call the diagnoses for an image, until one of them finds an outcome, and store it."""
+        stamp, phase, evidence = record.state.stamp, record.state.phase, self.evidence
         if record.state.scheme_output is None:
             evidence.progress_check.clear()
-        phase = record.state.phase
         diagnoses = self._diagnoses_by_phase.get(phase)
         if diagnoses is None:
             diagnoses = self._diagnoses_by_phase[phase] = [

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ..kinematics.joint_sample import JointSample
 from ..observation.observation import Observation
 from ..records.outcomes import UNCOVER_TARGET, Outcome, make_outcome
 from ..records.remedy import Remedy
@@ -20,8 +19,6 @@ from .progress_check import ProgressCheck
 from .target_motion_check import TargetMotionCheck
 from .vector_history import VectorHistory
 
-# An arm is almost straight if the angle of its elbow is less than this, rad.
-STRETCHED_BEND = 0.1
 # Kinds of outcomes that may be consequences of an occluded target or of a wrong L.
 CONSEQUENCES = ("camera_retreat", "gain_too_high", "local_minimum", "no_progress", "too_noisy",
           "ambiguous", "target_lost", "singular", "timed_out", "target_moves", "wrong_object",
@@ -98,7 +95,8 @@ class Evidence:
         if self.is_running_away:
             return ""
         for name, check in self.camera_checks.items():
-            if fault := check.find_fault():
+            fault = check.find_fault() if check.fault is None else check.fault
+            if fault:
                 return f"camera {name}: {fault}" if observation.other_cameras and name else fault
         return ""
 
@@ -159,13 +157,6 @@ class Evidence:
         if jumped and jumped not in candidate.reason:
             candidate = replace(candidate, reason=f"{candidate.reason}; {jumped}")
         return self.explain_occlusion(candidate)
-
-    def is_stretched(self, joints: JointSample | None) -> bool:
-        """Return whether an elbow of the arm is almost straight."""
-        return joints is not None and any(
-            abs(joints.positions[fold.joint] - fold.straight_position) < STRETCHED_BEND
-            for fold in self.run_context.elbows
-        )
 
     def _find_narrowing_parameters(self, reason: str) -> list[str]:
         """Return the parameters that narrow the limits of joints whose names occur in `reason`."""

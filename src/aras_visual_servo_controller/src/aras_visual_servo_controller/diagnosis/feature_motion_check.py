@@ -41,6 +41,8 @@ class FeatureMotionCheck:
 
     Attributes:
         step_check: check of the steps of the features.
+        target_step_check: check of the steps that show the motion of the target: those of its
+            centre for user schemes, otherwise those of the features.
         area_check: check of the target's visible area and centre.
         is_user_scheme: whether the scheme or one of its features is user code.
         is_current_interaction: whether the scheme computes L at the present view, so that L
@@ -52,6 +54,7 @@ class FeatureMotionCheck:
         self.step_check, self.area_check = StepCheck(), AreaCheck(goal)
         self.is_user_scheme, self.is_current_interaction = is_user_scheme, True
         self._centre_check = StepCheck(CENTRE_MIN_ROW) if is_user_scheme else None
+        self.target_step_check = self._centre_check or self.step_check
         self._centre = FeatureHistory()  # position of the target's centre
 
     def add_centre(self, observation: Observation) -> None:
@@ -60,18 +63,6 @@ class FeatureMotionCheck:
         rows = pack_features(centre, L, 0.0, TargetMotionCheck.CENTRE_TOLERANCE, False)
         self._centre.add(rows, observation)
         self._centre_check.add(self._centre, ("x", "y"), observation)
-
-    @property
-    def target_motion_part(self) -> float:
-        """Return the fraction of the latest image motion that is the target's own, 0 to 1.
-
-        Return 0 if L does not belong to the present view. See `StepCheck.target_motion_part`.
-        """
-        if not self.is_current_interaction:
-            return 0.0
-        return (
-            self.step_check if self._centre_check is None else self._centre_check
-        ).target_motion_part
 
     def find_scheme_fault(self, stamp: float, is_converged: bool) -> str:
         """Describe a change of the features that the images cannot cause.

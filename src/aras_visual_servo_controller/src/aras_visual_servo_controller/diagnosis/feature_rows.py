@@ -32,9 +32,9 @@ def pack_features(
 
     The last three are arrays (k,), or one value for all components.
     """
-    if L is None or L.shape != (len(error), 6):
+    if L is None or L.shape != (error.size, 6):
         return None
-    rows = np.empty((len(error), 10))
+    rows = np.empty((error.size, 10))
     rows[:, ERROR], rows[:, FIRST_L:DRIFT], rows[:, DRIFT] = error, L, error_drift
     rows[:, TOLERANCE], rows[:, IS_ANGLE] = tolerances, is_angle
     return rows

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from aras_visual_servo_base.compiled import jit
 
 from ..goals.goal import DEFAULT_DEPTH
+from ..kinematics.elbow import Elbow
 from ..records.outcomes import Outcome, make_outcome
 from ..records.state import SERVOING, ServoState
 from .advice import suggest_larger_target, suggest_longer_watchdog, suggest_more_time
@@ -79,7 +81,7 @@ class ProgressCheck:
 
     def add(
         self, state: ServoState, tolerances: np.ndarray, depth: float = DEFAULT_DEPTH,
-        is_stretched: bool = False,
+        elbows: Sequence[Elbow] = (),
     ) -> None:
         """Add one image.
 
@@ -87,7 +89,7 @@ class ProgressCheck:
             state: state of the loop at the image.
             tolerances: (k,) tolerance of each component of the error.
             depth: depth of the target, m.
-            is_stretched: whether an elbow of the arm is almost straight.
+            elbows: elbows of the arm.
         """
         stamp, solution = state.stamp, state.ik_solution
         error = state.scheme_output.error / tolerances
@@ -96,7 +98,7 @@ class ProgressCheck:
             self._within_since = None
         elif self._within_since is None:
             self._within_since = stamp
-        self._images.append(ServoedImage(state, error, size, tolerances, depth, is_stretched))
+        self._images.append(ServoedImage(state, error, size, tolerances, depth, elbows))
         self._errors.add(stamp, error)
         self._image_count += 1
         self._first = self._first or (stamp, size)
@@ -145,13 +147,8 @@ class ProgressCheck:
     @property
     def period(self) -> float:
         """Return the mean time between two images, s; 0 if there are none."""
-        count = len(self._images)
-        return self._span / (count - 1) if count > 1 else 0.0
-
-    @property
-    def _span(self) -> float:
-        """Return the time from the first to the last image of the window, s."""
-        return self._images[-1].state.stamp - self._images[0].state.stamp
+        images, count = self._images, len(self._images)
+        return (images[-1].state.stamp - images[0].state.stamp) / (count - 1) if count > 1 else 0.0
 
     def explain_stall(self, state: ServoState) -> Outcome:
         """Return the outcome for an error that does not decrease.
@@ -160,12 +157,14 @@ class ProgressCheck:
         """
         if self._running.reason != state.reason:
             self._running = Outcome("running", state.reason)
-        if state.phase != SERVOING or self._span < 0.9 * WINDOW:
+        images = self._images
+        span = images[-1].state.stamp - images[0].state.stamp
+        if state.phase != SERVOING or span < 0.9 * WINDOW:
             return self._running
         is_shrinking, is_within = self._compare_halves()
         if is_shrinking and not is_within:
             return self._running
-        images = list(self._images)
+        images = list(images)
         if is_shrinking:
             # The mean error is within its tolerances, but the camera has not arrived: a limit of
             # the arm may prevent the last part of the motion.

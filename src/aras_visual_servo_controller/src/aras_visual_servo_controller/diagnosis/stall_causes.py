@@ -9,6 +9,7 @@ from math import hypot
 
 import numpy as np
 
+from ..kinematics.elbow import Elbow
 from ..records.outcomes import Outcome, make_outcome
 from ..records.state import ServoState
 from .advice import suggest_larger_target
@@ -27,6 +28,8 @@ ROTATION_WEIGHT = 0.5
 # The camera is in a local minimum if, according to L, no camera motion reduces the error by at
 # least this fraction.
 MIN_EXPLAINED_PART = 0.1
+# An arm is almost straight if the angle of its elbow is less than this, rad.
+STRETCHED_BEND = 0.1
 
 
 @dataclass(eq=False)
@@ -39,7 +42,7 @@ class ServoedImage:
         error_size: largest component of the error.
         tolerances: (k,) tolerance of each component of the error.
         depth: depth of the target, m.
-        is_stretched: whether an elbow of the arm is almost straight.
+        elbows: elbows of the arm.
     """
 
     state: ServoState
@@ -47,7 +50,7 @@ class ServoedImage:
     error_size: float
     tolerances: np.ndarray
     depth: float
-    is_stretched: bool = False
+    elbows: Sequence[Elbow] = ()
 
     # The properties are cached, because each image is evaluated many times.
     @cached_property
@@ -73,6 +76,15 @@ class ServoedImage:
             return False
         desired = _compute_speed(self.state.desired_twist, self.depth)
         return desired >= MIN_SPEED and lost > MAX_LOST_PART * desired
+
+    @cached_property
+    def is_stretched(self) -> bool:
+        """Return whether an elbow of the arm is almost straight."""
+        joints = self.state.joints
+        return joints is not None and any(
+            abs(joints.positions[elbow.joint] - elbow.straight_position) < STRETCHED_BEND
+            for elbow in self.elbows
+        )
 
     @cached_property
     def explained_part(self) -> float:

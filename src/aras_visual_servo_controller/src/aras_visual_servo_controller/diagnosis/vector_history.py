@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 
@@ -30,17 +32,20 @@ class VectorHistory:
         self._start = self._end = 0
         self.stamps, self.rows = self._stamps[:0], self._rows[:0]
 
-    def add(self, stamp: float, row: np.ndarray) -> None:
-        """Add one row (k,); previous rows of another length are removed."""
-        if row.shape != self._rows.shape[1:]:
-            self._rows = np.empty((self._stamps.size, row.size))
+    def add(self, stamp: float | Sequence[float], row: np.ndarray) -> None:
+        """Add one row (k,); previous rows of another length are removed.
+
+        Several rows (j, k) can be added together, with their stamps (j,).
+        """
+        if row.shape[-1] != self._rows.shape[1]:
+            self._rows = np.empty((self._stamps.size, row.shape[-1]))
             self.clear()
-        if self._end == self._stamps.size:
+        count = 1 if row.ndim == 1 else len(row)
+        if self._end + count > self._stamps.size:
             self._make_room()
-        stamps, rows, start, end = self._stamps, self._rows, self._start, self._end
-        stamps[end], rows[end] = stamp, row
-        end += 1
-        while stamps[start] < stamp - self._span:
+        stamps, rows, start, end = self._stamps, self._rows, self._start, self._end + count
+        stamps[end - count : end], rows[end - count : end] = stamp, row
+        while stamps[start] < stamps[end - 1] - self._span:
             start += 1
         if end - start > self._max_count:
             start = end - self._max_count

@@ -8,8 +8,6 @@ from __future__ import annotations
 from dataclasses import replace
 from math import sqrt
 
-from ...goals.goal import Goal
-from ...observation.observation import Observation
 from ...records.outcomes import Outcome, make_outcome
 from ...records.run_record import ImageRecord
 from ...records.state import CONVERGED
@@ -51,11 +49,19 @@ class CameraRetreat(DiagnosisRule):
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
         """Update the target's visible area and diagnose the image; see `DiagnosisRule.judge`."""
         state, observation, goal = record.state, record.observation, evidence.run_context.goal
-        for view in (observation, *observation.other_cameras.values()):
-            if view.touched_borders:
-                by = f" of camera {view.name}" if observation.other_cameras else ""
-                evidence.last_touched_borders = f"{' and '.join(view.touched_borders)} border{by}"
-        self._check_distance(state.stamp, observation, goal, evidence)
+        if observation.touched_borders or observation.other_cameras:
+            for view in observation.cameras.values():
+                if view.touched_borders:
+                    by = f" of camera {view.name}" if observation.other_cameras else ""
+                    borders = " and ".join(view.touched_borders)
+                    evidence.last_touched_borders = f"{borders} border{by}"
+        moments, desired = observation.moments, goal.moments
+        if observation.valid and moments is not None and desired is not None and moments.m00 > 0.0:
+            distance = sqrt(desired.m00 / moments.m00)
+            self._first_distance = self._first_distance or distance
+            is_far = distance > self.RETREAT_FACTOR * max(self._first_distance, 1.0)
+            if is_far or self._far_count or self._outcome.kind != "running":
+                self._check_distance(record, distance, is_far, evidence)
         evidence.motion_check.area_check.add(observation)
         if self._outcome.kind == "running" or state.phase == CONVERGED:
             return None
@@ -63,18 +69,20 @@ class CameraRetreat(DiagnosisRule):
         return make_outcome("scheme_fault", fault) if fault else evidence.add_advice(self._outcome)
 
     def _check_distance(
-        self, stamp: float, observation: Observation, goal: Goal, evidence: Evidence
+        self, record: ImageRecord, distance: float, is_far: bool, evidence: Evidence
     ) -> None:
-        """Determine from the size of the target in the image whether the camera has retreated."""
-        measured, desired = observation.moments, goal.moments
-        if not observation.valid or measured is None or desired is None or measured.m00 <= 0.0:
-            return
-        distance = sqrt(desired.m00 / measured.m00)
-        self._first_distance = self._first_distance or distance
-        is_far = distance > self.RETREAT_FACTOR * max(self._first_distance, 1.0)
-        if is_far and goal.world_T_camera is not None and observation.world_T_camera is not None:
-            by_joints = predict_distance(observation.world_T_camera, goal)
-            is_far = by_joints > self.CONFIRMED_PART * distance
+        """Determine whether the camera has retreated, or has returned from a retreat.
+
+        Args:
+            record: record of the image.
+            distance: distance of the camera from the target by the size of the target in the image,
+                relative to that at the goal.
+            is_far: whether this distance is that of a camera that has retreated.
+            evidence: evidence of the run.
+        """
+        pose, goal = record.observation.world_T_camera, evidence.run_context.goal
+        if is_far and goal.world_T_camera is not None and pose is not None:
+            is_far = predict_distance(pose, goal) > self.CONFIRMED_PART * distance
         self._far_count = self._far_count + 1 if is_far else 0
         is_running = self._outcome.kind == "running"
         if not is_running and distance < self.RETURN_FACTOR * max(self._first_distance, 1.0):
@@ -84,5 +92,5 @@ class CameraRetreat(DiagnosisRule):
                 f"the camera retreated to {distance:.1f} times the goal's distance from the target"
             )
             self._outcome = make_outcome("camera_retreat", text)
-            if found := evidence.gain_check.find_recent_oscillation(stamp):
+            if found := evidence.gain_check.find_recent_oscillation(record.state.stamp):
                 self._outcome = replace(found, reason=f"{found.reason}; {text}")

@@ -36,10 +36,7 @@ class FeaturesContradict(DiagnosisRule):
         state, observation, goal = record.state, record.observation, evidence.run_context.goal
         scheme, motion = evidence.run_context.scheme, evidence.motion_check
         output, tolerances = state.scheme_output, np.asarray(scheme.tolerances, float)
-        evidence.progress_check.add(
-            state, tolerances, goal.distance,
-            bool(evidence.run_context.elbows) and evidence.is_stretched(state.joints),
-        )
+        evidence.progress_check.add(state, tolerances, goal.distance, evidence.run_context.elbows)
         units = tuple(scheme.units)
         if units != self._units or len(units) != tolerances.size:
             # The error of an angle, or of a feature without a unit, may jump by one turn; that of a
@@ -62,6 +59,8 @@ class FeaturesContradict(DiagnosisRule):
         motion.step_check.add(features, output.names, observation)
         if is_user_scheme:
             motion.add_centre(observation)
+        elif motion.step_check.unchanged_since is None:
+            return None  # the only fault that is searched for in a scheme of this package
         fault = motion.find_scheme_fault(state.stamp, state.phase == CONVERGED)
         return make_outcome("scheme_fault", fault) if fault else None
 

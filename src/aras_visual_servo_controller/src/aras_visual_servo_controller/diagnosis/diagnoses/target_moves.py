@@ -43,7 +43,11 @@ class TargetMoves(DiagnosisRule):
         """Update the checks of cameras and gain, and diagnose the image; see `DiagnosisRule.judge`.
         """
         state, observation, run = record.state, record.observation, evidence.run_context
-        if evidence.motion_check.target_motion_part > self.MIN_TARGET_PART:
+        motion = evidence.motion_check
+        if (
+            motion.is_current_interaction
+            and motion.target_step_check.target_motion_part > self.MIN_TARGET_PART
+        ):
             self._runaway_stamp = state.stamp
         evidence.is_running_away = state.stamp - self._runaway_stamp < self.RUNAWAY_MEMORY
         if evidence.target_motion:

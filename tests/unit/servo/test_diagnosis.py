@@ -348,10 +348,12 @@ def test_features_are_judged_by_the_camera_whose_name_they_have():
     seen = an_image(0.0, 0.1, name="left", other_cameras={"right": right})
     L, tolerances = np.arange(24.0).reshape(4, 6), np.arange(9.0, 5.0, -1.0)
     whole = pack_features(1.0 + np.arange(4.0), L, np.array([0.5]), tolerances, True)
-    parts = split_by_camera(whole, names, seen)
-    assert {camera: part.tolist() for camera, part in parts.items()} == {
+    parts = split_by_camera(FeatureHistory(whole, 2.0 * whole), names, seen.cameras)
+    assert {camera: part.now.tolist() for camera, part in parts.items()} == {
         "left": whole[[0, 2]].tolist(), "right": whole[[1]].tolist(), "": whole[[3]].tolist()}
-    assert split_by_camera(None, names, seen) == {}
+    assert all((part.before == 2.0 * part.now).all() for part in parts.values())
+    assert split_by_camera(FeatureHistory(whole), names, seen.cameras)["left"].before is None
+    assert split_by_camera(FeatureHistory(), names, seen.cameras) == {}
     # A goal that one of the cameras has not shown is not shown.
     taught = Goal(camera=replace(CAMERA, width=320))
     both = replace(taught, camera_name="left", other_cameras={"right": taught})

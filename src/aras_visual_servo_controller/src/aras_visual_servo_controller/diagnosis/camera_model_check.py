@@ -11,7 +11,15 @@ from aras_visual_servo_base.compiled import jit
 from ..kinematics.joint_sample import JointSample
 from ..kinematics.task import DIRECTIONS
 from ..observation.observation import Observation
-from .feature_rows import DRIFT, ERROR, FIRST_L, IS_ANGLE, TOLERANCE, FeatureHistory
+from .feature_rows import (
+    DRIFT,
+    ERROR,
+    FIRST_L,
+    IS_ANGLE,
+    SAME_STAMP,
+    TOLERANCE,
+    FeatureHistory,
+)
 
 # A row of the fit sums the motion of the features over successive images until the predicted
 # motion reaches this, in units of the tolerance. In a smaller sum, noise and joint friction
@@ -100,7 +108,7 @@ class CameraModelCheck:
                 motion is exact.
         """
         self._jacobian = jacobian
-        self._features: np.ndarray | None = None  # features (k, 10) of the last image
+        self._stamp = -np.inf  # stamp of the last image, s
         self._joints: JointSample | None = None  # joints of the last image
         # Sums of the products (7, 7) of the rows of the fit with themselves, which are its normal
         # equations, and with the rows before them, which give the correlation of the residuals. A
@@ -122,13 +130,12 @@ class CameraModelCheck:
         """
         # The check has not processed the image before this one if an earlier diagnosis reported an
         # outcome for it.
-        before = features.before if features.before is self._features else None
-        joints, self._joints = self._joints, observation.joints
-        self._features = now = features.now
+        is_next = observation.stamp - observation.dt <= self._stamp + SAME_STAMP
+        joints, self._joints, self._stamp = self._joints, observation.joints, observation.stamp
+        now, before, images = features.now, features.before, self._images
         if now is None:
             return
-        images = self._images
-        if before is None:
+        if before is None or not is_next:
             self._last_row, self._start = NO_ROW, now
             images.clear()
             return
@@ -163,7 +170,7 @@ class CameraModelCheck:
                 ))  # fmt: skip
         weight = 1.0 / (1.0 + SHAKING_FACTOR * shaking)
         _finish_row(
-            self._start, self._features, weight, self._sums, self._last_row, self._products,
+            self._start, self._images[-1][2], weight, self._sums, self._last_row, self._products,
             self._next_products,
         )  # fmt: skip
         self._last_row = self._sums

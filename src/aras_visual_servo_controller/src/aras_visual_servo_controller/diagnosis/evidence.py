@@ -39,7 +39,6 @@ class Evidence:
         errors: errors of the images of the last SPANS[-1] seconds, in units of the tolerance.
         features: features of the latest images.
         camera_checks: check of each camera, by camera name.
-        camera_features: features that belong to each camera, if there are several, by camera name.
         last_touched_borders: image borders that the target touched last, as text.
         measured_stamp: stamp of the last image for which the scheme computed a task, s; None before
             the first.
@@ -64,7 +63,6 @@ class Evidence:
             run_context.goal, run_context.scheme is not None and is_user_scheme(run_context.scheme)
         )
         self.camera_checks: dict[str, CameraModelCheck] = {}
-        self.camera_features: dict[str, FeatureHistory] = {}
         self.last_touched_borders = ""
         self.measured_stamp: float | None = None
         self.is_running_away = False

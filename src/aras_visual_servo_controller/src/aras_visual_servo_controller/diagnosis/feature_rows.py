@@ -11,6 +11,8 @@ import numpy as np
 
 from ..observation.observation import Observation
 
+# Largest difference of two stamps of the same image that rounding explains, s.
+SAME_STAMP = 1e-6
 ERROR, FIRST_L, DRIFT, TOLERANCE, IS_ANGLE = 0, 1, 7, 8, 9
 
 
@@ -50,13 +52,8 @@ class FeatureHistory:
             the number of features has changed.
     """
 
-    # Largest difference of two stamps of the same image that rounding explains, s.
-    SAME_STAMP = 1e-6
-
-    def __init__(self) -> None:
-        self.now: np.ndarray | None = None
-        self.before: np.ndarray | None = None
-        self._stamp = 0.0
+    def __init__(self, now: np.ndarray | None = None, before: np.ndarray | None = None) -> None:
+        self.now, self.before, self._stamp = now, before, 0.0
 
     def add(self, features: np.ndarray | None, observation: Observation) -> None:
         """Add the features (k, 10) of an image, or None if there is no L."""
@@ -65,7 +62,7 @@ class FeatureHistory:
             before is None or features is None or before.shape != features.shape
             # The motion and `dt` of an observation start at the image before it. The features of an
             # image are not added if an earlier diagnosis reports an outcome.
-            or stamp - observation.dt > self._stamp + self.SAME_STAMP
+            or stamp - observation.dt > self._stamp + SAME_STAMP
             or observation.motion is None
         ):  # fmt: skip
             before = None

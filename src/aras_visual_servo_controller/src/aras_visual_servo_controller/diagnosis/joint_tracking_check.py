@@ -48,9 +48,8 @@ class JointTrackingCheck:
         """
         self._names, self._lengths = tuple(names), np.ones(len(names)) * lengths
         self._samples = VectorHistory(SPAN)
-        # Stamps of the images after the last evaluation, s, and their joints, see `add`.
-        self._new_stamps: list[float] = []
-        self._new_rows: list[tuple[np.ndarray, ...]] = []
+        # Stamp (s) and joints of each image after the last evaluation, see `add`.
+        self._new_images: list[tuple[float, tuple[np.ndarray, ...]]] = []
         self._found = np.zeros((3, len(names)))  # results of `_find_faulty_joints`
         self.joints, self.reason = "", ""
         # Whether the lagging joints move towards their commands, but too slowly.
@@ -66,16 +65,14 @@ class JointTrackingCheck:
             late: (n,) whether the loop waits for each joint.
             commanded, measured: (n,) velocities, rad/s or m/s.
         """
-        self._new_stamps.append(stamp)
-        self._new_rows.append((late, commanded, measured))
-        if len(self._new_rows) >= CHECK_PERIOD:
+        self._new_images.append((stamp, (late, commanded, measured)))
+        if len(self._new_images) == CHECK_PERIOD:
             self._judge()
 
     def _judge(self) -> None:
-        samples = self._samples
-        samples.add(self._new_stamps, np.array(self._new_rows, float).reshape(CHECK_PERIOD, -1))
-        self._new_stamps.clear()
-        self._new_rows.clear()
+        stamps, rows = zip(*self._new_images, strict=True)
+        self._new_images, samples = [], self._samples
+        samples.add(stamps, np.array(rows, float).reshape(CHECK_PERIOD, -1))
         self.joints, self.is_slow, self.reason = "", True, ""
         any_lags, is_oscillating = _find_faulty_joints(
             samples.rows, self._lengths, samples.stamps[-1] - samples.stamps[0], self._found

@@ -103,8 +103,9 @@ class TargetMotionCheck:
         # moving target did.
         self.has_camera_explanation = False
         # Rows of the fit: motion of the k features over at least ROW_PERIOD (k), mean L (6 k),
-        # motion (6,) and pose (16,) of the camera, and duration (s). Feature motions and L are in
-        # units of the tolerance. The stamp is the middle of the period.
+        # motion due to the camera's translation (k) and motion without the effect of its rotation
+        # (k), motion (6,) and pose (16,) of the camera, and duration (s). Feature motions and L are
+        # in units of the tolerance. The stamp is the middle of the period.
         self._rows = VectorHistory(self.SPAN)
         # Reference point of the target's twist, in m and world axes: the camera's position at the
         # first row.
@@ -144,7 +145,7 @@ class TargetMotionCheck:
             self._image_count = 0
             return self._motion_text
         if not self._image_count:
-            self._row, self._time = np.zeros(7 * len(now) - MOTION.start), 0.0
+            self._row, self._time = np.zeros(9 * len(now) - MOTION.start), 0.0
         if _add_step(before, now, observation.motion, observation.dt, self._row):
             self._image_count = 0  # start a new row
             return self._motion_text
@@ -156,9 +157,7 @@ class TargetMotionCheck:
 
     def _add_row(self, stamp: float, pose: np.ndarray) -> None:
         row, rows = self._row, self._rows
-        count = (row.size + MOTION.start) // 7
-        row[count : 7 * count] /= self._image_count
-        row[POSE], row[-1] = pose.ravel(), self._time
+        _finish_row(row, self._image_count, pose, self._time)
         if rows.rows.shape[1] != row.size:
             # There is no row yet, or the number of features has changed.
             self._origin = pose[:3, 3]
@@ -172,11 +171,8 @@ class TargetMotionCheck:
     def _describe_motion(self) -> str:
         """Describe how the target moves; empty text if it is at rest."""
         rows = self._rows.rows
-        count = (rows.shape[1] + MOTION.start) // 7
-        feature_motion, L = rows[:, :count], rows[:, count : 7 * count].reshape(-1, count, 6)
-        motion = rows[:, None, MOTION]
-        along = (L[:, :, :3] * motion[:, :, :3]).sum(axis=2)
-        rest_motion = feature_motion - (L[:, :, 3:] * motion[:, :, 3:]).sum(axis=2)
+        count = (rows.shape[1] + MOTION.start) // 9
+        along, rest_motion = rows[:, 7 * count : 8 * count], rows[:, 8 * count : 9 * count]
         for size, min_residual in zip(self.ROWS_PER_SUM, self.MIN_RESIDUAL, strict=True):
             numbers = len(rows) // size * count
             if numbers < (self.MIN_NUMBERS if size == 1 else self.MIN_SUMMED_NUMBERS):
@@ -188,6 +184,7 @@ class TargetMotionCheck:
             if size == 1 and square * self.ROWS_PER_SUM[-1]**2 < self.MIN_RESIDUAL[-1]**2 * numbers:
                 return ""  # too small for MIN_RESIDUAL, even if all rows are summed in groups
             if square >= min_residual**2 * numbers:
+                L = rows[:, count : 7 * count].reshape(-1, count, 6)
                 return self._explain_motion(L, effect, moved, size, square)
         return ""
 
@@ -310,7 +307,7 @@ def _add_step(before, now, motion, dt, row):
         before, now: (k, 10) features of the previous and of the present image, see `feature_rows`.
         motion: (6,) motion of the camera between the two images.
         dt: time between the two images, s.
-        row: (7 k + 23,) row of the fit, see `TargetMotionCheck`; the sums of the feature motions
+        row: (9 k + 23,) row of the fit, see `TargetMotionCheck`; the sums of the feature motions
             (k,), of the mean L (6 k,) and of the camera's motion (6,) are modified in place.
 
     Returns:
@@ -318,7 +315,7 @@ def _add_step(before, now, motion, dt, row):
     """
     wrapped, count = False, len(now)
     for j in range(6):
-        row[7 * count + j] += motion[j]
+        row[9 * count + j] += motion[j]
     for i in range(count):
         tolerance_before, tolerance = before[i, TOLERANCE], now[i, TOLERANCE]
         error_before, error = before[i, ERROR] / tolerance_before, now[i, ERROR] / tolerance
@@ -330,3 +327,23 @@ def _add_step(before, now, motion, dt, row):
             mean = before[i, FIRST_L + j] / tolerance_before + now[i, FIRST_L + j] / tolerance
             row[count + 6 * i + j] += 0.5 * mean
     return wrapped
+
+
+@jit("f8[::1], f8, f8[:,:], f8", allocates=False)
+def _finish_row(row, image_count, pose, duration):
+    """Complete a row of the fit after its last image, see `TargetMotionCheck`."""
+    count = (len(row) - 23) // 9
+    for i in range(count):
+        translated = rotated = 0.0
+        for j in range(6):
+            place = count + 6 * i + j
+            row[place] /= image_count
+            if j < 3:
+                translated += row[place] * row[9 * count + j]
+            else:
+                rotated += row[place] * row[9 * count + j]
+        row[7 * count + i], row[8 * count + i] = translated, row[i] - rotated
+    for i in range(4):
+        for j in range(4):
+            row[9 * count + 6 + 4 * i + j] = pose[i, j]
+    row[len(row) - 1] = duration

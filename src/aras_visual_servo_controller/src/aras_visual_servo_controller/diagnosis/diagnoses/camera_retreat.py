@@ -73,12 +73,8 @@ class CameraRetreat(DiagnosisRule):
     ) -> None:
         """Determine whether the camera has retreated, or has returned from a retreat.
 
-        Args:
-            record: record of the image.
-            distance: distance of the camera from the target by the size of the target in the image,
-                relative to that at the goal.
-            is_far: whether this distance is that of a camera that has retreated.
-            evidence: evidence of the run.
+        According to the size of the target in the image, its distance is `distance` times the
+        goal's, and `is_far` says whether a camera at this distance has retreated.
         """
         pose, goal = record.observation.world_T_camera, evidence.run_context.goal
         if is_far and goal.world_T_camera is not None and pose is not None:

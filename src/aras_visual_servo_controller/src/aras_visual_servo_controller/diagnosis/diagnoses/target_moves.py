@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from ...observation.observation import Observation
 from ...records.outcomes import Outcome, make_outcome
 from ...records.run_record import ImageRecord
 from ...records.state import CONVERGED
@@ -54,10 +53,12 @@ class TargetMoves(DiagnosisRule):
             # The camera checks have used images in which the target moved, so they start again.
             evidence.camera_checks.clear()
         elif getattr(run.scheme, "can_check_camera", True):
-            cameras = {observation.name: evidence.features}
+            parts = {observation.name: evidence.features}
             if observation.other_cameras:
-                cameras = _add_by_camera(evidence, state.scheme_output.names, observation)
-            for name, features in cameras.items():
+                parts = split_by_camera(
+                    evidence.features, state.scheme_output.names, observation.cameras
+                )
+            for name, features in parts.items():
                 check = evidence.camera_checks.get(name)
                 if check is None:
                     check = evidence.camera_checks[name] = CameraModelCheck(run.jacobian)
@@ -82,33 +83,27 @@ class TargetMoves(DiagnosisRule):
         )
 
 
-def _add_by_camera(
-    evidence: Evidence, names: Sequence[str], observation: Observation
-) -> dict[str, FeatureHistory]:
-    """Add the features of an image to those of their cameras, and return these by camera name."""
-    found = split_by_camera(evidence.features.now, names, observation)
-    for name, features in found.items():
-        evidence.camera_features.setdefault(name, FeatureHistory()).add(features, observation)
-    return {name: evidence.camera_features[name] for name in found}
-
-
 def split_by_camera(
-    features: np.ndarray | None, names: Sequence[str], observation: Observation
-) -> dict[str, np.ndarray]:
-    """Split the features of an image of several cameras, and return them by the camera's name.
+    features: FeatureHistory, names: Sequence[str], cameras: Collection[str]
+) -> dict[str, FeatureHistory]:
+    """Split the features of the images of several cameras, and return them by the camera's name.
 
     A feature that belongs to one of the cameras is named 'camera.feature'. All other features may
     use every camera and have an empty camera name.
 
     Args:
-        features: (k, 10) features of the image, see `feature_rows`; None if there is no L.
+        features: features of the latest image and of the one before it.
         names: (k,) names of the features.
-        observation: observation of the image.
+        cameras: names of the cameras.
     """
-    if features is None:
+    now, before = features.now, features.before
+    if now is None:
         return {}
     rows: dict[str, list[int]] = {}
     for i, name in enumerate(names):
         camera = name.partition(".")[0]
-        rows.setdefault(camera if camera in observation.cameras else "", []).append(i)
-    return {camera: features[at] for camera, at in rows.items()}
+        rows.setdefault(camera if camera in cameras else "", []).append(i)
+    return {
+        camera: FeatureHistory(now[at], None if before is None else before[at])
+        for camera, at in rows.items()
+    }

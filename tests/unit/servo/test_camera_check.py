@@ -6,7 +6,7 @@ import pytest
 from loop_rig import an_image
 
 from aras_visual_servo_controller.diagnosis.camera_model_check import DIRECTIONS, CameraModelCheck
-from aras_visual_servo_controller.diagnosis.feature_rows import FeatureHistory, pack_features
+from aras_visual_servo_controller.diagnosis.feature_rows import FeatureHistory
 from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 
 
@@ -31,7 +31,7 @@ def test_only_an_image_that_follows_another_counts():
 def shown(evidence, history, error, L, motion, tolerances, error_drift=0.0, joints=None, stamp=0.0):
     """Add one image to a CameraModelCheck, after a motion (6,) of the camera."""
     image = an_image(stamp, 1 / 30, motion, joints=joints)
-    history.add(pack_features(error, L, error_drift, tolerances, True), image)
+    history.add(image, error, L, error_drift, tolerances, True)
     evidence.add(history, image)
 
 

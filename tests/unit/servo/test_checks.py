@@ -10,7 +10,7 @@ from aras_visual_servo_controller import CameraModel, Goal, Moments, Observation
 from aras_visual_servo_controller.diagnosis.ambiguous_poses import AmbiguousPoses
 from aras_visual_servo_controller.diagnosis.area_check import AreaCheck, predict_distance
 from aras_visual_servo_controller.diagnosis.diagnoses.wrong_object import ShapeCheck
-from aras_visual_servo_controller.diagnosis.feature_rows import FeatureHistory, pack_features
+from aras_visual_servo_controller.diagnosis.feature_rows import FeatureHistory
 from aras_visual_servo_controller.diagnosis.gain_check import GainCheck
 from aras_visual_servo_controller.diagnosis.joint_tracking_check import JointTrackingCheck
 from aras_visual_servo_controller.diagnosis.oscillation_check import SPANS, OscillationCheck
@@ -244,8 +244,8 @@ def by_joints(images, commanded, measured, late=lambda k: (False, False), begin=
     """A JointTrackingCheck of J1 and J2 that was shown velocities (2,) by image, 30 a second."""
     check = JointTrackingCheck(("J1", "J2"), lengths)
     for k in range(images):
-        check.add(begin + k / 30.0, np.array(late(k)), np.array(commanded(k), float),
-                  np.array(measured(k), float))  # fmt: skip
+        check.add(begin + k / 30.0, (np.array(late(k)), np.array(commanded(k), float),
+                                     np.array(measured(k), float)))  # fmt: skip
     return check
 
 
@@ -326,7 +326,7 @@ def followed(images, error_of, check=None, rests=0, begin=0.0):
         motion = 4e-3 * np.cos([0.1 * k, 0.3, 0.2 * k, 0.0, 0.0, 0.1]) * (k >= rests)
         told = told + L @ motion * (k > 0)
         image = an_image(begin + k * DT, DT, motion)
-        history.add(pack_features(error_of(k, told), L, 0.0, TOLERANCES, False), image)
+        history.add(image, error_of(k, told), L, 0.0, TOLERANCES, False)
         check.add(history, ("x", "y", "size"), image)
     return check
 
@@ -376,18 +376,15 @@ def test_another_number_of_features_starts_again_with_their_names():
     check, history = StepCheck(), FeatureHistory()
     for k in range(12):
         count, image = 3 if k < 3 else 2, an_image(k * DT, DT, np.zeros(6))
-        history.add(
-            pack_features(np.full(count, 2e-3 * k), np.ones((count, 6)), 0.0, 1e-3, False), image)
+        history.add(image, np.full(count, 2e-3 * k), np.ones((count, 6)), 0.0, 1e-3, False)
         check.add(history, ("x", "y", "size")[:count], image)
         assert check.has_drift is (k >= 7)
     assert check.feature_correlations.tolist() == [0.0, 0.0]
     # also at the first image with L, and at the first with other features
     check, history = StepCheck(), FeatureHistory()
     for k, count in enumerate((None, 3, 3, 3, 2, 2, None, 3)):
-        features = None if count is None else pack_features(
-            np.full(count, 1e-2 * k), np.ones((count, 6)), 0.0, 1e-3, False)  # fmt: skip
-        image = an_image(k * DT, DT, np.ones(6))
-        history.add(features, image)
+        image, L = an_image(k * DT, DT, np.ones(6)), None if count is None else np.ones((count, 6))
+        history.add(image, np.full(count or 1, 1e-2 * k), L, 0.0, 1e-3, False)
         check.add(history, ("x", "y", "size")[:count], image)
         assert len(check.names) == len(check.feature_correlations)
     assert check.names == ("x", "y")

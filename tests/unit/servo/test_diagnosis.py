@@ -16,7 +16,7 @@ from aras_visual_servo_controller.diagnosis.diagnoses.contradictions import is_g
 from aras_visual_servo_controller.diagnosis.diagnoses.target_moves import split_by_camera
 from aras_visual_servo_controller.diagnosis.diagnosis import Diagnosis, diagnose
 from aras_visual_servo_controller.diagnosis.evidence import Evidence
-from aras_visual_servo_controller.diagnosis.feature_rows import FeatureHistory, pack_features
+from aras_visual_servo_controller.diagnosis.feature_rows import FeatureHistory
 from aras_visual_servo_controller.diagnosis.target_motion_check import TargetMotionCheck
 from aras_visual_servo_controller.features import Feature, FeatureMeasurement, Stack
 from aras_visual_servo_controller.laws import Proportional
@@ -302,7 +302,7 @@ def checked(is_faulty):
     way = 1e-2 * np.array([1.0, 1.0, 0.5, 0.0, 0.0, 0.0])
     for k in range(30 * is_faulty):
         image = an_image(k / 30.0, 1 / 30, way)
-        history.add(pack_features(-k * way[:3], np.eye(6)[:3], 0.0, 1e-3, True), image)
+        history.add(image, -k * way[:3], np.eye(6)[:3], 0.0, 1e-3, True)
         check.add(history, image)
     assert bool(check.find_fault()) is is_faulty
     return check
@@ -347,7 +347,7 @@ def test_features_are_judged_by_the_camera_whose_name_they_have():
     names, right = ("left.x", "right.x", "left.y", "size"), an_image(0.0, 0.1, name="right")
     seen = an_image(0.0, 0.1, name="left", other_cameras={"right": right})
     L, tolerances = np.arange(24.0).reshape(4, 6), np.arange(9.0, 5.0, -1.0)
-    whole = pack_features(1.0 + np.arange(4.0), L, np.array([0.5]), tolerances, True)
+    whole = np.column_stack([1.0 + np.arange(4.0), L, np.full(4, 0.5), tolerances, np.ones(4)])
     parts = split_by_camera(FeatureHistory(whole, 2.0 * whole), names, seen.cameras)
     assert {camera: part.now.tolist() for camera, part in parts.items()} == {
         "left": whole[[0, 2]].tolist(), "right": whole[[1]].tolist(), "": whole[[3]].tolist()}

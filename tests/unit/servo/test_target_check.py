@@ -6,7 +6,7 @@ from loop_rig import an_image
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_controller import Goal, Moments
-from aras_visual_servo_controller.diagnosis.feature_rows import FeatureHistory, pack_features
+from aras_visual_servo_controller.diagnosis.feature_rows import FeatureHistory
 from aras_visual_servo_controller.diagnosis.target_motion_check import TargetMotionCheck
 
 DT = 1 / 30  # s: four images are more than the 0.12 s of a row
@@ -51,8 +51,7 @@ def watched(images, moves, camera=swaying, count=6, known=0.0, check=None, L=Non
             error = error + 2.0 * np.pi * np.eye(count)[1]
         off = noise * draw.normal(size=count) + jumps * (-1) ** (k // 4)
         image = an_image(**{"stamp": t, "dt": dt, "motion": motion, "world_T_camera": pose, **seen})
-        history.add(
-            pack_features(error + off * tolerances, L, known * own, tolerances, True), image)
+        history.add(image, error + off * tolerances, L, known * own, tolerances, True)
         said.append(check.add(history, image, None))
     return said
 

@@ -10,6 +10,7 @@ from aras_visual_servo_base.registry import Registry
 from ..errors import ConfigurationError
 from ..records.outcomes import Outcome
 from ..records.run_record import ImageRecord
+from ..records.state import PHASES
 from .evidence import Evidence
 
 
@@ -22,21 +23,20 @@ class DiagnosisRule(ABC):
         reads: data that the diagnosis uses, as text for the table in the README; it also names the
             module that evaluates them.
         kinds: kinds of the outcomes that the diagnosis reports.
-        phases: phases of the loop in which `judge` is called; empty for all phases.
+        phases: phases of the loop in which `judge` is called.
     """
 
     name: ClassVar[str] = ""
     help: ClassVar[str] = ""
     reads: ClassVar[str] = ""
     kinds: ClassVar[tuple[str, ...]] = ()
-    phases: ClassVar[tuple[str, ...]] = ()
+    phases: ClassVar[tuple[str, ...]] = PHASES
 
     @abstractmethod
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
         """Add one image to the evidence; return an outcome, or None if there is no finding.
 
-        The next diagnosis in the order is called only if this one returns None. It is not called
-        for an image in another phase than `phases`.
+        The next diagnosis in the order is called only if this one returns None.
         """
 
 

@@ -11,15 +11,7 @@ from aras_visual_servo_base.compiled import jit
 from ..kinematics.joint_sample import JointSample
 from ..kinematics.task import DIRECTIONS
 from ..observation.observation import Observation
-from .feature_rows import (
-    DRIFT,
-    ERROR,
-    FIRST_L,
-    IS_ANGLE,
-    SAME_STAMP,
-    TOLERANCE,
-    FeatureHistory,
-)
+from .feature_rows import DRIFT, ERROR, FIRST_L, IS_ANGLE, TOLERANCE, FeatureHistory
 
 # A row of the fit sums the motion of the features over successive images until the predicted
 # motion reaches this, in units of the tolerance. In a smaller sum, noise and joint friction
@@ -96,8 +88,7 @@ class CameraModelCheck:
     weight.
 
     Attributes:
-        fault: how the features contradict the camera model, as text; empty if they do not; None if
-            the fit has not been evaluated since its last row.
+        fault: last result of `find_fault`; None after a new row of the fit.
     """
 
     def __init__(self, jacobian: Callable[[np.ndarray], np.ndarray] | None = None) -> None:
@@ -130,7 +121,7 @@ class CameraModelCheck:
         """
         # The check has not processed the image before this one if an earlier diagnosis reported an
         # outcome for it.
-        is_next = observation.stamp - observation.dt <= self._stamp + SAME_STAMP
+        is_next = observation.stamp - observation.dt <= self._stamp + features.SAME_STAMP
         joints, self._joints, self._stamp = self._joints, observation.joints, observation.stamp
         now, before, images = features.now, features.before, self._images
         if now is None:
@@ -179,11 +170,12 @@ class CameraModelCheck:
         self.fault = None
 
     def find_fault(self) -> str:
-        """Evaluate the fit, and return the attribute `fault`."""
-        self.fault = self._describe_fault() if self._path_length > MIN_PATH else ""
-        return self.fault
+        """Evaluate the fit, and describe how the features contradict the camera model.
 
-    def _describe_fault(self) -> str:
+        Return an empty text if they do not.
+        """
+        if self._path_length <= MIN_PATH:
+            return ""
         depth, misfit, rest, direction, other_direction, scale, other_scale = _fit_scales(
             self._products, self._count
         )

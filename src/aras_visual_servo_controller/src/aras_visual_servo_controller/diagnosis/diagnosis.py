@@ -16,9 +16,9 @@ from statistics import median
 import numpy as np
 
 from ..records.outcomes import Outcome, make_outcome
-from ..records.run_record import ImageRecord, Record, RunContext, RunEvent
+from ..records.run_record import Record, RunContext, RunEvent
 from .advice import suggest_longer_watchdog
-from .base import DIAGNOSES, ORDER, DiagnosisRule
+from .base import DIAGNOSES, ORDER
 from .evidence import Evidence
 
 # During servoing, an outcome of another kind replaces the reported one only after it has been found
@@ -74,8 +74,6 @@ class Diagnosis:
     def _start(self) -> None:
         self.evidence = Evidence(self.run_context)
         self._diagnoses = [DIAGNOSES[name]() for name in self._order]
-        # Diagnoses that are called in each phase of the loop that has occurred.
-        self._diagnoses_by_phase: dict[str, list[DiagnosisRule]] = {}
         # Stamp (s) and fault of each image for which the scheme failed.
         self._faults: list[tuple[float, str]] = []
         self._image_count = 0
@@ -106,20 +104,35 @@ class Diagnosis:
         if isinstance(record, RunEvent):
             self._add_event(record)
             return self.outcome
-        stamp, evidence, joints = record.state.stamp, self.evidence, record.joints
-        if joints is not None:
-            evidence.joint_check.add(
-                stamp, joints.is_late, joints.commanded_velocities, joints.measured_velocities
-            )
+        stamp, phase, evidence = record.state.stamp, record.state.phase, self.evidence
+        if record.joints is not None:
+            evidence.joint_check.add(stamp, record.joints)
         self._image_count += 1
         if self._starvation_count and self._stamps:
             self._longest_gap = max(self._longest_gap, stamp - self._stamps[-1])
         self._stamps.append(stamp)
         if record.is_faulty:
             self._faults.append((stamp, record.state.reason))
-        if not self._is_ended:
-            self._judge(record)
-        return self.outcome if self._faults else evidence.current_outcome
+        if self._is_ended:
+            return self.outcome
+        if record.state.scheme_output is None:
+            evidence.progress_check.clear()
+        for diagnosis in self._diagnoses:
+            if phase in diagnosis.phases:
+                found = diagnosis.judge(record, evidence)
+                if found is not None:
+                    break
+        # After repeated stops by the watchdog, the images that arrive between two stops do not
+        # change the outcome.
+        is_recent = stamp - self._starvation_stamp < RECOVERY_TIME
+        if found.kind == "running" and is_recent and self._starvation_count > 1:
+            found = self._starvation_outcome
+        elif found.kind != evidence.current_outcome.kind:
+            found = self._debounce(stamp, found)
+        else:
+            self._candidate = None
+        evidence.current_outcome = found
+        return self.outcome if self._faults else found
 
     def _add_event(self, event: RunEvent) -> None:
         if event.kind == "started":
@@ -205,31 +218,6 @@ class Diagnosis:
         found = self.evidence.progress_check.explain_timeout(reason)
         is_slow = found.kind in ("no_progress", "timed_out")
         return is_slow and self.evidence.gain_check.explain_timeout(reason) or found
-
-    def _judge(self, record: ImageRecord) -> None:
-        """Call the diagnoses for an image, until one of them finds an outcome, and store it."""
-        stamp, phase, evidence = record.state.stamp, record.state.phase, self.evidence
-        if record.state.scheme_output is None:
-            evidence.progress_check.clear()
-        diagnoses = self._diagnoses_by_phase.get(phase)
-        if diagnoses is None:
-            diagnoses = self._diagnoses_by_phase[phase] = [
-                one for one in self._diagnoses if not one.phases or phase in one.phases
-            ]
-        for diagnosis in diagnoses:
-            found = diagnosis.judge(record, evidence)
-            if found is not None:
-                break
-        # After repeated stops by the watchdog, the images that arrive between two stops do not
-        # change the outcome.
-        is_recent = stamp - self._starvation_stamp < RECOVERY_TIME
-        if found.kind == "running" and is_recent and self._starvation_count > 1:
-            found = self._starvation_outcome
-        elif found.kind != evidence.current_outcome.kind:
-            found = self._debounce(stamp, found)
-        else:
-            self._candidate = None
-        evidence.current_outcome = found
 
     def _debounce(self, stamp: float, candidate: Outcome) -> Outcome:
         """Return the outcome to report if the candidate is of another kind than the present one.

@@ -93,8 +93,9 @@ class Evidence:
         if self.is_running_away:
             return ""
         for name, check in self.camera_checks.items():
-            fault = check.find_fault() if check.fault is None else check.fault
-            if fault:
+            if check.fault is None:
+                check.fault = check.find_fault()
+            if fault := check.fault:
                 return f"camera {name}: {fault}" if observation.other_cameras and name else fault
         return ""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ..goals.goal import Goal
 from ..observation.observation import Observation
 from .area_check import AreaCheck
-from .feature_rows import FeatureHistory, pack_features
+from .feature_rows import FeatureHistory
 from .joint_tracking_check import join_names
 from .step_check import MIN_JUMP, StepCheck
 from .target_motion_check import TargetMotionCheck, compute_centre
@@ -60,8 +60,7 @@ class FeatureMotionCheck:
     def add_centre(self, observation: Observation) -> None:
         """Add one image to the check of the target's centre."""
         centre, L = compute_centre(observation, self.area_check.goal)
-        rows = pack_features(centre, L, 0.0, TargetMotionCheck.CENTRE_TOLERANCE, False)
-        self._centre.add(rows, observation)
+        self._centre.add(observation, centre, L, 0.0, TargetMotionCheck.CENTRE_TOLERANCE, False)
         self._centre_check.add(self._centre, ("x", "y"), observation)
 
     def find_scheme_fault(self, stamp: float, is_converged: bool) -> str:

@@ -11,35 +11,7 @@ import numpy as np
 
 from ..observation.observation import Observation
 
-# Largest difference of two stamps of the same image that rounding explains, s.
-SAME_STAMP = 1e-6
 ERROR, FIRST_L, DRIFT, TOLERANCE, IS_ANGLE = 0, 1, 7, 8, 9
-
-
-def pack_features(
-    error: np.ndarray,
-    L: np.ndarray | None,
-    error_drift: np.ndarray | float,
-    tolerances: np.ndarray | float,
-    is_angle: np.ndarray | bool,
-) -> np.ndarray | None:
-    """Return the array (k, 10) of one image, or None if there is no L of the error.
-
-    Args:
-        error: (k,) error s - s*.
-        L: (k, 6) interaction matrix of the error; None, or of another shape, if it is unknown.
-        error_drift: rate of the error due to the target's own motion, per s.
-        tolerances: tolerance of each component.
-        is_angle: whether each component is an angle, which may wrap.
-
-    The last three are arrays (k,), or one value for all components.
-    """
-    if L is None or L.shape != (error.size, 6):
-        return None
-    rows = np.empty((error.size, 10))
-    rows[:, ERROR], rows[:, FIRST_L:DRIFT], rows[:, DRIFT] = error, L, error_drift
-    rows[:, TOLERANCE], rows[:, IS_ANGLE] = tolerances, is_angle
-    return rows
 
 
 class FeatureHistory:
@@ -52,18 +24,44 @@ class FeatureHistory:
             the number of features has changed.
     """
 
+    # Largest difference of two stamps of the same image that rounding explains, s.
+    SAME_STAMP = 1e-6
+
     def __init__(self, now: np.ndarray | None = None, before: np.ndarray | None = None) -> None:
         self.now, self.before, self._stamp = now, before, 0.0
 
-    def add(self, features: np.ndarray | None, observation: Observation) -> None:
-        """Add the features (k, 10) of an image, or None if there is no L."""
-        before, stamp = self.now, observation.stamp
+    def add(
+        self,
+        observation: Observation,
+        error: np.ndarray,
+        L: np.ndarray | None,
+        error_drift: np.ndarray | float,
+        tolerances: np.ndarray | float,
+        is_angle: np.ndarray | bool,
+    ) -> None:
+        """Add the features of one image.
+
+        Args:
+            observation: observation of the image.
+            error: (k,) error s - s*.
+            L: (k, 6) interaction matrix of the error; None, or of another shape, if it is unknown.
+            error_drift: rate of the error due to the target's own motion, per s.
+            tolerances: tolerance of each component.
+            is_angle: whether each component is an angle, which may wrap.
+
+        The last three are arrays (k,), or one value for all components.
+        """
+        before, now, stamp = self.now, None, observation.stamp
+        if L is not None and L.shape == (error.size, 6):
+            now = np.empty((error.size, 10))
+            now[:, ERROR], now[:, FIRST_L:DRIFT], now[:, DRIFT] = error, L, error_drift
+            now[:, TOLERANCE], now[:, IS_ANGLE] = tolerances, is_angle
         if (
-            before is None or features is None or before.shape != features.shape
+            before is None or now is None or before.shape != now.shape
             # The motion and `dt` of an observation start at the image before it. The features of an
             # image are not added if an earlier diagnosis reports an outcome.
-            or stamp - observation.dt > self._stamp + SAME_STAMP
+            or stamp - observation.dt > self._stamp + self.SAME_STAMP
             or observation.motion is None
         ):  # fmt: skip
             before = None
-        self.before, self.now, self._stamp = before, features, stamp
+        self.before, self.now, self._stamp = before, now, stamp

@@ -50,22 +50,13 @@ class JointTrackingCheck:
         self._samples = VectorHistory(SPAN)
         # Stamp (s) and joints of each image after the last evaluation, see `add`.
         self._new_images: list[tuple[float, tuple[np.ndarray, ...]]] = []
-        self._found = np.zeros((3, len(names)))  # results of `_find_faulty_joints`
         self.joints, self.reason = "", ""
         # Whether the lagging joints move towards their commands, but too slowly.
         self.is_slow = False
 
-    def add(
-        self, stamp: float, late: np.ndarray, commanded: np.ndarray, measured: np.ndarray
-    ) -> None:
-        """Add the joints at one image.
-
-        Args:
-            stamp: stamp of the image, s.
-            late: (n,) whether the loop waits for each joint.
-            commanded, measured: (n,) velocities, rad/s or m/s.
-        """
-        self._new_images.append((stamp, (late, commanded, measured)))
+    def add(self, stamp: float, joints: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
+        """Add the joints at the image of this stamp, s, see `ImageRecord`."""
+        self._new_images.append((stamp, joints))
         if len(self._new_images) == CHECK_PERIOD:
             self._judge()
 
@@ -73,13 +64,13 @@ class JointTrackingCheck:
         stamps, rows = zip(*self._new_images, strict=True)
         self._new_images, samples = [], self._samples
         samples.add(stamps, np.array(rows, float).reshape(CHECK_PERIOD, -1))
-        self.joints, self.is_slow, self.reason = "", True, ""
-        any_lags, is_oscillating = _find_faulty_joints(
-            samples.rows, self._lengths, samples.stamps[-1] - samples.stamps[0], self._found
+        lags, oscillates, max_speed = _find_faulty_joints(
+            samples.rows, self._lengths, stamps[-1] - samples.stamps[0]
         )
-        if not any_lags and not is_oscillating:
+        self.joints, self.is_slow, self.reason = "", True, ""
+        is_oscillating = oscillates.any()
+        if not is_oscillating and not lags.any():
             return
-        lags, oscillates, max_speed = self._found[0] > 0.0, self._found[1] > 0.0, self._found[2]
         self.joints = self._format_names(oscillates if is_oscillating else lags)
         self.is_slow = not is_oscillating and bool((max_speed[lags] > SLOW_SPEED).all())
         if is_oscillating:
@@ -112,8 +103,8 @@ def describe_foreign_nodes(nodes: Mapping[str, str]) -> str:
     return "; ".join(f"{node} commands {join_names(names)}" for node, names in joints.items())
 
 
-@jit("f8[:,:], f8[:], f8, f8[:,::1]")
-def _find_faulty_joints(rows, lengths, span, found):
+@jit("f8[:,:], f8[:], f8")
+def _find_faulty_joints(rows, lengths, span):
     """Find the joints that lag behind their commands or oscillate.
 
     Args:
@@ -121,18 +112,15 @@ def _find_faulty_joints(rows, lengths, span, found):
             velocities, measured velocities.
         lengths: (n,) motion of each joint (rad or m) that counts as one unit.
         span: time that the images cover, s.
-        found: (3, n) whether each joint lags (1 or 0); whether it oscillates; its largest measured
-            speed, in units of `lengths` per second. Modified in place.
 
     Returns:
-        Whether any joint lags; whether any joint oscillates.
+        Whether each joint lags (n,); whether it oscillates (n,); its largest measured speed
+        (n,), in units of `lengths` per second.
     """
     count, n = rows.shape[0], rows.shape[1] // 3
     # Sums for each joint: images in which the loop waits for it, product of commanded and measured
     # velocity, squared commanded velocity, squared difference of both.
-    sums, waiting = np.zeros((4, n)), 0.0
-    for i in range(n):
-        found[2, i] = 0.0
+    sums, max_speed, waiting = np.zeros((4, n)), np.zeros(n), 0.0
     for row in rows:
         any_late = 0.0
         for i in range(n):
@@ -141,23 +129,20 @@ def _find_faulty_joints(rows, lengths, span, found):
             sums[1, i] += commanded * measured
             sums[2, i] += commanded * commanded
             sums[3, i] += (measured - commanded) ** 2
-            found[2, i] = max(found[2, i], abs(measured))
+            max_speed[i] = max(max_speed[i], abs(measured))
             any_late = max(any_late, row[i])
         waiting += any_late
-    any_lags, any_oscillates = False, False
+    lags, oscillates = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
     for i in range(n):
         late, motion, commanded = sums[0, i] / count, sums[1, i] / count, sums[2, i] / count
         speed_error = sums[3, i] / count
-        lags = late > 0.0
+        lags[i] = late > 0.0
         if waiting / count <= MAX_WAITING_PART:
-            lags = motion < MIN_MOTION_PART * commanded and late > MIN_WAITING_PART
-        lags &= span >= 0.9 * SPAN
-        oscillates = (
+            lags[i] = motion < MIN_MOTION_PART * commanded and late > MIN_WAITING_PART
+        lags[i] &= span >= 0.9 * SPAN
+        oscillates[i] = (
             span > MIN_SPAN
             and speed_error > MIN_SPEED_ERROR**2
             and speed_error > SPEED_ERROR_FACTOR**2 * commanded
         )
-        found[0, i], found[1, i] = lags, oscillates
-        any_lags |= lags
-        any_oscillates |= oscillates
-    return any_lags, any_oscillates
+    return lags, oscillates, max_speed

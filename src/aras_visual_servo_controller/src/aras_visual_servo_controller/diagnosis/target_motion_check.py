@@ -15,15 +15,7 @@ from aras_visual_servo_camera.interaction import point_interaction
 
 from ..goals.goal import Goal
 from ..observation.observation import Observation
-from .feature_rows import (
-    DRIFT,
-    ERROR,
-    FIRST_L,
-    IS_ANGLE,
-    TOLERANCE,
-    FeatureHistory,
-    pack_features,
-)
+from .feature_rows import DRIFT, ERROR, FIRST_L, IS_ANGLE, TOLERANCE, FeatureHistory
 from .motion_fits import (
     compute_mixed_effects,
     fit_camera,
@@ -135,7 +127,7 @@ class TargetMotionCheck:
         if features is None or features.now is None:
             centre, L = compute_centre(observation, goal)
             features = self._centre
-            features.add(pack_features(centre, L, 0.0, self.CENTRE_TOLERANCE, True), observation)
+            features.add(observation, centre, L, 0.0, self.CENTRE_TOLERANCE, True)
         # The check has not processed the image before this one if an earlier diagnosis reported an
         # outcome for it.
         before = features.before if features.before is self._features else None

@@ -38,7 +38,7 @@ from ..kinematics.differential_ik import solve_ik
 from ..kinematics.joint_sample import JointSample
 from ..observation.observation import Observation
 from ..records.outcomes import NOT_ARRIVED, ArrivalStatus, Outcome, make_outcome
-from ..records.run_record import ImageRecord, JointRecord, RunEvent
+from ..records.run_record import ImageRecord, RunEvent
 from ..records.state import (
     APPROACHING,
     CONVERGED,
@@ -365,21 +365,22 @@ class Servo(ServoStateMachine):
     ) -> ServoState:
         """Create the state after this image, pass a record to the diagnosis, and add its outcome.
         """
-        text = self.reason if reason is None else reason
+        text, command = self.reason if reason is None else reason, self.integrator.command
         state = ServoState(
             float(observation.stamp), self.phase,
             reason=self._add_foreign_nodes(text) if self._foreign_nodes else text,
             scheme_output=scheme_output, ik_solution=solution,
-            joints=joints or observation.joints or self._joints, command=self.command,
+            joints=joints or observation.joints or self._joints,
+            command=None if command is None else command.copy(),
             computation_time=seconds, fault=fault, has_processed_image=reason is None,
             scheme=self.name, arrival_status=arrival_status,
         )  # fmt: skip
         if reason is None:
             joints = None
             if self._joints is not None:
-                joints = JointRecord(
+                joints = (
                     self.integrator.is_late, self.integrator.velocity, self._joints.velocities
-                )
+                )  # fmt: skip
             age = max(self.settings.delay, 0.0 if self._now is None else self._now - state.stamp)
             found = self._add_record(ImageRecord(
                 state, observation.without_pixels(), age, is_faulty, joints, self._foreign_nodes

@@ -50,20 +50,6 @@ class RunContext:
 
 
 @dataclass(eq=False)
-class JointRecord:
-    """State of the n joints at an image.
-
-    Attributes:
-        is_late: (n,) whether each joint is so far behind its command that the loop waits for it.
-        commanded_velocities, measured_velocities: (n,) velocities, rad/s or m/s.
-    """
-
-    is_late: np.ndarray
-    commanded_velocities: np.ndarray
-    measured_velocities: np.ndarray
-
-
-@dataclass(eq=False)
 class ImageRecord:
     """Record of one image.
 
@@ -72,7 +58,9 @@ class ImageRecord:
         observation: observation of the image, without its pixels.
         age: time from the exposure until the command that is computed from the image acts, s.
         is_faulty: whether the scheme failed.
-        joints: state of the joints; None before the first measurement.
+        joints: whether each joint is so far behind its command that the loop waits for it (n,), and
+            the commanded and measured velocities (n,), rad/s or m/s; None before the first
+            measurement.
         foreign_nodes: name of the other node that commands a joint, by joint name.
     """
 
@@ -80,7 +68,7 @@ class ImageRecord:
     observation: Observation
     age: float = 0.0
     is_faulty: bool = False
-    joints: JointRecord | None = None
+    joints: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
     foreign_nodes: Mapping[str, str] = field(default_factory=dict)
 
 

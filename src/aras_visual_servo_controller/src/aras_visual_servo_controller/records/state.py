@@ -20,6 +20,7 @@ from .outcomes import NOT_ARRIVED, ArrivalStatus, Outcome
 
 WAITING, APPROACHING, SERVOING = "waiting", "approaching", "servoing"
 CONVERGED, HOLDING, STOPPED = "converged", "holding", "stopped"
+PHASES = (WAITING, APPROACHING, SERVOING, CONVERGED, HOLDING, STOPPED)
 OUTPUTS = ("position", "velocity", "effort")
 
 

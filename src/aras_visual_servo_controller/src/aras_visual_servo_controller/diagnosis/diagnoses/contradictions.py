@@ -13,7 +13,6 @@ from ...records.run_record import ImageRecord
 from ...records.state import CONVERGED
 from ..base import DIAGNOSES, DiagnosisRule
 from ..evidence import Evidence
-from ..feature_rows import pack_features
 
 
 @DIAGNOSES.register("features_contradict")
@@ -45,9 +44,9 @@ class FeaturesContradict(DiagnosisRule):
             self._units = units
             self._is_angle = np.array([unit != "m" for unit in units]) if is_known else True
         features = evidence.features
-        features.add(pack_features(
-            output.error, output.L, output.error_drift, tolerances, self._is_angle
-        ), observation)  # fmt: skip
+        features.add(
+            observation, output.error, output.L, output.error_drift, tolerances, self._is_angle
+        )
         # The L of a user-defined feature may be wrong. For such features, the target's motion is
         # computed from the target's centre instead, whose L is known.
         is_user_scheme = motion.is_user_scheme

@@ -98,7 +98,8 @@ class AreaCheck:
             return
         earlier, self._last_moments = self._last_moments or moments, moments
         self._earlier_moments, jump = earlier, self.MIN_CENTRE_JUMP
-        if abs(moments.xg - earlier.xg) > jump or abs(moments.yg - earlier.yg) > jump:
+        dx, dy = moments.xg - earlier.xg, moments.yg - earlier.yg
+        if not (-jump <= dx <= jump and -jump <= dy <= jump):
             self._centre_jumps = min(self._centre_jumps + 1, self.MAX_CENTRE_JUMPS)
         elif self._centre_jumps:
             self._centre_jumps -= 1

@@ -131,7 +131,7 @@ class CameraModelCheck:
             images.clear()
             return
         if not images:
-            self._sums = np.zeros((len(now), 7))
+            self._sums = np.zeros((now.shape[0], 7))
         predicted, L_change = _predict_motion(
             before, now, observation.motion, observation.dt, self._sums
         )

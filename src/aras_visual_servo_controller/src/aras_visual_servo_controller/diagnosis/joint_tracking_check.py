@@ -68,8 +68,8 @@ class JointTrackingCheck:
             samples.rows, self._lengths, stamps[-1] - samples.stamps[0]
         )
         self.joints, self.is_slow, self.reason = "", True, ""
-        is_oscillating = oscillates.any()
-        if not is_oscillating and not lags.any():
+        is_oscillating = any(oscillates.tolist())
+        if not is_oscillating and not any(lags.tolist()):
             return
         self.joints = self._format_names(oscillates if is_oscillating else lags)
         self.is_slow = not is_oscillating and bool((max_speed[lags] > SLOW_SPEED).all())

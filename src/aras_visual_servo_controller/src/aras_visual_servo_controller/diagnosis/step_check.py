@@ -176,8 +176,9 @@ class StepCheck:
             self._steps[:], self.target_motion_part = 0.0, 0.0
             return
         self.names = names
-        if self._row.shape[1] != len(now):
-            self._correlation_sums, self._row = np.zeros((3, len(now))), np.zeros((2, len(now)))
+        count = now.shape[0]
+        if self._row.shape[1] != count:
+            self._correlation_sums, self._row = np.zeros((3, count)), np.zeros((2, count))
             self._rest_sums = 0, 0.0, 0.0
         largest, at, explained, moved, path, part = _compare_step(
             before, now, observation.motion, observation.dt, self._min_row, self._row,

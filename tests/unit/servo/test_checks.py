@@ -13,7 +13,7 @@ from aras_visual_servo_controller.diagnosis.diagnoses.wrong_object import ShapeC
 from aras_visual_servo_controller.diagnosis.feature_rows import FeatureHistory
 from aras_visual_servo_controller.diagnosis.gain_check import GainCheck
 from aras_visual_servo_controller.diagnosis.joint_tracking_check import JointTrackingCheck
-from aras_visual_servo_controller.diagnosis.oscillation_check import SPANS, OscillationCheck
+from aras_visual_servo_controller.diagnosis.oscillation_check import OscillationCheck
 from aras_visual_servo_controller.diagnosis.step_check import StepCheck
 from aras_visual_servo_controller.diagnosis.vector_history import VectorHistory
 from aras_visual_servo_controller.laws import Proportional
@@ -30,22 +30,14 @@ def wave(stamps, errors):
     return list(zip(stamps, errors, strict=True))
 
 
-def ringing(samples):
-    """Return an OscillationCheck, and the frequency that it reports after each error, or None."""
-    errors, found = VectorHistory(SPANS[-1]), []
-    check = OscillationCheck(errors)
-    for t, error in samples:
-        errors.add(t, np.array(error, float))
-        found.append(check.update() or None)
-    return check, found
-
-
 def rings(samples, beside=lambda t: 0.0):
     """Return what OscillationCheck reports at the end for an error, next to another error."""
-    answers = [ringing([(t, pair) for t, e in samples for pair in [(e, beside(t))[::order]]])[1]
-               for order in (1, -1)]  # fmt: skip
+    checks = OscillationCheck(), OscillationCheck()
+    for t, e in samples:
+        answers = [checks[0].add(t, np.array([e, beside(t)])),
+                   checks[1].add(t, np.array([beside(t), e]))]  # fmt: skip
     assert answers[0] == answers[1]
-    return answers[0][-1]
+    return answers[0]
 
 
 @pytest.mark.parametrize(("half", "sign"), [(0.2, 1.0), (0.3, -1.0)])
@@ -108,20 +100,20 @@ def test_what_is_no_longer_than_noise_is_no_reversal(extremes, half, found):
     lambda t: 9.0 * np.sin(2.0 * np.pi * 0.15 * t),  # five swings take longer than twelve seconds
 ])  # fmt: skip
 def test_what_dies_away_or_is_quiet_is_no_oscillation(error):
-    assert not any(ringing([(t, [error(t)]) for t in np.arange(0, 24, 1 / 30)])[1])
+    oscillation = OscillationCheck()
+    assert all(oscillation.add(t, np.array([error(t)])) is None for t in np.arange(0, 24, 1 / 30))
 
 
 @pytest.mark.parametrize("way", ["at rest", "approaching", "following"])
 @pytest.mark.parametrize("seed", range(2))
 def test_noise_that_is_louder_than_the_tolerances_is_no_oscillation(way, seed):
-    random, error, samples = np.random.default_rng(seed), 0.0, []
+    random, oscillation, error = np.random.default_rng(seed), OscillationCheck(), 0.0
     for k, noise in enumerate(random.normal(0.0, 8.0, (400, 2))):
         if way == "following":  # a loop that moves by what noise it saw
             error = 0.9 * error + 0.3 * noise[0]
         elif way == "approaching":
             error = 60.0 * np.exp(-k / 60.0)
-        samples.append((k / 30.0, error + noise))
-    assert not any(ringing(samples)[1])
+        assert oscillation.add(k / 30.0, error + noise) is None
 
 
 @pytest.mark.parametrize(("half", "heights", "swings", "grows"), [
@@ -130,19 +122,20 @@ def test_noise_that_is_louder_than_the_tolerances_is_no_oscillation(way, seed):
     (4, (20, 9, 20, 9), False, False), (4, (1, -1, 1, -1), False, False),
 ])  # fmt: skip
 def test_swings_too_seldom_for_a_frequency_are_told(half, heights, swings, grows):
-    samples = zigzag(*heights, half=0.3 * half, rate=1.0 / 0.3)
-    oscillation, found = ringing([(t, [e, 0.0]) for t, e in samples])
-    assert not any(found)
+    oscillation = OscillationCheck()
+    for t, e in zigzag(*heights, half=0.3 * half, rate=1.0 / 0.3):
+        assert oscillation.add(t, np.array([e, 0.0])) is None
     assert (oscillation.is_oscillating, oscillation.is_growing) == (swings, grows)
 
 
 @pytest.mark.parametrize("growth", [0.0, 2.0])
 def test_an_oscillation_is_told_in_noise_and_while_it_grows(growth):
-    random, samples = np.random.default_rng(1), []
+    random, oscillation = np.random.default_rng(1), OscillationCheck()
+    found = None
     for t in np.arange(0.0, 2.5, 1 / 30):
         wave = 12.0 * np.exp(growth * (t - 1.0)) * np.sin(2 * np.pi * 2.5 * t)
-        samples.append((t, [wave + random.normal(0.0, 3.0)]))
-    assert ringing(samples)[1][-1] == pytest.approx(2.5, rel=0.1)
+        found = oscillation.add(t, np.array([wave + random.normal(0.0, 3.0)]))
+    assert found == pytest.approx(2.5, rel=0.1)
 
 
 # -- is it the target? -----------------------------------------------------------
@@ -196,8 +189,7 @@ SCHEME = create_scheme("points", Proportional(1.0))
 
 def delayed(gain, delay, duration=60.0, seconds=4.0, until=np.inf):
     """A check that has followed the error of a loop e' = -gain e(t - delay), and that error."""
-    errors, scheme = VectorHistory(), create_scheme("points", Proportional(gain))
-    check = GainCheck(errors, duration)
+    check, scheme = GainCheck(duration), create_scheme("points", Proportional(gain))
     step = 1e-3
     error = np.full(round(seconds / step), 100.0)
     for i in range(1, len(error)):
@@ -205,8 +197,7 @@ def delayed(gain, delay, duration=60.0, seconds=4.0, until=np.inf):
         error[i] = error[i - 1] - (gain * error[late] * step if i > delay / step else 0.0)
     images = [i for i in range(0, len(error), round(PERIOD / step)) if i * step < until]
     for i in images:
-        errors.add(i * step, np.array([error[i]]))
-        check.add(i * step, scheme, delay)
+        check.add(i * step, np.array([error[i]]), scheme, delay)
     return check, error[: images[-1]]
 
 
@@ -229,12 +220,10 @@ def test_a_target_that_is_lost_by_an_overshoot_is_lost_by_the_gain(delay):
 
 @pytest.mark.parametrize(("growth", "found"), [(1.5, True), (0.8, False), (0.0, False)])
 def test_a_target_that_a_growing_swing_has_lost_before_its_frequency_is_known(growth, found):
-    errors = VectorHistory()
-    check = GainCheck(errors)
+    check = GainCheck()
     for k in range(30):
         error = 20.0 * growth ** (k / 6.0) * np.cos(np.pi * k / 6.0)
-        errors.add(k * PERIOD, np.array([error, 1.0]))
-        check.add(k * PERIOD, SCHEME, 0.0)
+        check.add(k * PERIOD, np.array([error, 1.0]), SCHEME, 0.0)
     lost = check.explain_loss("the target was lost")
     assert (lost is not None) == found and (not found or "growing amplitude" in lost.reason)
 

@@ -464,8 +464,7 @@ def test_a_retreat_of_a_camera_that_swings_is_the_gain_s():
     run = RunContext(ServoSettings(), the_goal("2016"))
     evidence, retreat = Evidence(run), DIAGNOSES["camera_retreat"]()
     for t in np.arange(28) / 30.0:  # until 0.9 s
-        evidence.errors.add(t, np.array([20.0 * np.cos(6.0 * np.pi * t)]))
-        evidence.gain_check.add(t, None, 0.0)
+        evidence.gain_check.add(t, np.array([20.0 * np.cos(6.0 * np.pi * t)]), None, 0.0)
     for stamp, distance in ((0.0, 1.0), (1.0, 9.0), (1.1, 9.0), (1.2, 9.0)):
         seen = an_image(stamp, 0.03, moments=loop_rig.scaled(run.goal.moments, 1.0 / distance))
         found = retreat.judge(answered(stamp, np.zeros(1), observation=seen), evidence)

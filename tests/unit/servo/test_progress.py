@@ -8,7 +8,6 @@ import pytest
 
 from aras_visual_servo_controller import SchemeOutput, Task
 from aras_visual_servo_controller.diagnosis.progress_check import ProgressCheck
-from aras_visual_servo_controller.diagnosis.vector_history import VectorHistory
 from aras_visual_servo_controller.kinematics.ik_solution import IKSolution
 from aras_visual_servo_controller.records.state import SERVOING, ServoState
 
@@ -36,7 +35,7 @@ def watched(errors, dt=0.075, twist=TWIST, task=None, L=None, told=lambda i: {})
     task: image -> its task; None: the twist itself.
     told: image -> fields of its IKSolution; None: it has none.
     """
-    progress = ProgressCheck(VectorHistory())
+    progress = ProgressCheck()
     for i, error in enumerate(np.asarray(errors, float)):
         tolerances = np.resize(TOLERANCES, len(error))
         features = error * tolerances
@@ -216,5 +215,5 @@ def test_joints_that_were_slow_on_the_way_to_a_limit_are_known():
 ])  # fmt: skip
 def test_images_that_come_seldom_are_told_first(images, dt, kind):
     assert timeout(STILL[:images], dt=dt).kind == kind
-    check = ProgressCheck(VectorHistory())  # without an image no joint was at its limit
+    check = ProgressCheck()  # without an image no joint was at its limit
     assert check.saturation_outcome is None and check.is_shrinking and check.noise == 0.0

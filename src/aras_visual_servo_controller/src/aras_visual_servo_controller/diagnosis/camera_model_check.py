@@ -136,7 +136,7 @@ class CameraModelCheck:
             before, now, observation.motion, observation.dt, self._sums
         )
         images.append((joints, observation.joints, now))
-        is_usable = L_change <= MIN_ROW or L_change <= MAX_L_CHANGE * predicted
+        is_usable = not L_change > max(MAX_L_CHANGE * predicted, MIN_ROW)
         if is_usable and predicted >= MIN_ROW:
             self._add_row(predicted)
         elif is_usable and len(images) < MAX_IMAGES_PER_ROW:

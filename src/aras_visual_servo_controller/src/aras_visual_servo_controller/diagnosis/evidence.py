@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from ..observation.observation import Observation
 from ..records.outcomes import UNCOVER_TARGET, Outcome, make_outcome
 from ..records.remedy import Remedy
@@ -14,10 +16,8 @@ from .feature_motion_check import FeatureMotionCheck
 from .feature_rows import FeatureHistory
 from .gain_check import GainCheck
 from .joint_tracking_check import JointTrackingCheck, join_names
-from .oscillation_check import SPANS
 from .progress_check import ProgressCheck
 from .target_motion_check import TargetMotionCheck
-from .vector_history import VectorHistory
 
 # Kinds of outcomes that may be consequences of an occluded target or of a wrong L.
 CONSEQUENCES = ("camera_retreat", "gain_too_high", "local_minimum", "no_progress", "too_noisy",
@@ -36,7 +36,6 @@ class Evidence:
         current_outcome: outcome that was reported last.
         joint_check, progress_check, gain_check, target_check, motion_check: checks that process the
             images of the run.
-        errors: errors of the images of the last SPANS[-1] seconds, in units of the tolerance.
         features: features of the latest images.
         camera_checks: check of each camera, by camera name.
         last_touched_borders: image borders that the target touched last, as text.
@@ -44,6 +43,7 @@ class Evidence:
             the first.
         is_running_away: whether the target itself must have moved, because the features have just
             moved farther than any camera motion explains.
+        error: (k,) error of the latest image, in units of the tolerance.
         target_motion: motion of the target, as text; empty if it is at rest.
         oscillation: outcome for an oscillating error, or None.
         is_oscillation_fast: whether the error oscillates faster than the target motions that
@@ -51,12 +51,14 @@ class Evidence:
         camera_fault: how the features contradict the camera model, as text; empty if they do not.
     """
 
+    error: np.ndarray
+
     def __init__(self, run_context: RunContext) -> None:
         self.run_context = run_context
         self.current_outcome = Outcome()
-        self.errors, self.features = VectorHistory(SPANS[-1]), FeatureHistory()
-        self.progress_check = ProgressCheck(self.errors, run_context.settings.duration)
-        self.gain_check = GainCheck(self.errors, run_context.settings.duration)
+        self.features = FeatureHistory()
+        self.progress_check = ProgressCheck(run_context.settings.duration)
+        self.gain_check = GainCheck(run_context.settings.duration)
         self.joint_check = JointTrackingCheck(run_context.names, run_context.joint_units)
         self.target_check = TargetMotionCheck()
         self.motion_check = FeatureMotionCheck(

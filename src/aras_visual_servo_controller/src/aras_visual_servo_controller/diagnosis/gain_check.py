@@ -11,7 +11,6 @@ from ..schemes.base import JointController, Scheme
 from .advice import can_oscillate, find_gain, suggest_gain
 from .oscillation_check import OscillationCheck
 from .target_motion_check import TargetMotionCheck
-from .vector_history import VectorHistory
 
 # An oscillation is remembered for this time, s, because it may be the cause of a later loss of the
 # target.
@@ -33,14 +32,13 @@ class GainCheck:
             see `TargetMotionCheck.MAX_FREQUENCY`.
     """
 
-    def __init__(self, errors: VectorHistory, duration: float = np.inf) -> None:
+    def __init__(self, duration: float = np.inf) -> None:
         """Create the check.
 
         Args:
-            errors: see `OscillationCheck`.
             duration: time limit of the run, s.
         """
-        self._duration, self._oscillation = duration, OscillationCheck(errors)
+        self._duration, self._oscillation = duration, OscillationCheck()
         self._scheme: Scheme | JointController | None = None
         # running mean of the age of the images, plus half an image period, s
         self._mean_age: float | None = None
@@ -48,11 +46,14 @@ class GainCheck:
         self._last_oscillation: tuple[float, Outcome] | None = None
         self.is_fast = False
 
-    def add(self, stamp: float, scheme: Scheme | JointController, age: float) -> Outcome | None:
-        """Add an image, after its error, and return the outcome for a recent oscillation, or None.
+    def add(
+        self, stamp: float, error: np.ndarray, scheme: Scheme | JointController, age: float
+    ) -> Outcome | None:
+        """Add one image and return the outcome for a recent oscillation, or None.
 
         Args:
             stamp: stamp of the image, s.
+            error: (k,) error of the image, in units of the tolerance.
             scheme: scheme whose gain is checked.
             age: age of the image when its command acts, s.
         """
@@ -62,8 +63,8 @@ class GainCheck:
             before = age if self._mean_age is None else self._mean_age
             self._mean_age = before + AGE_FILTER * (age - before)
         self._last_stamp = stamp
-        frequency = self._oscillation.update()
-        if frequency > 0.0 and can_oscillate(scheme, frequency):
+        frequency = self._oscillation.add(stamp, error)
+        if frequency is not None and can_oscillate(scheme, frequency):
             self.is_fast = frequency > TargetMotionCheck.MAX_FREQUENCY
             reason = f"the error oscillates at {frequency:.2f} Hz and does not die away"
             self._last_oscillation = stamp, self._make_outcome(reason, frequency)

@@ -31,21 +31,18 @@ class OscillationCheck:
     less often.
     """
 
-    def __init__(self, errors: VectorHistory) -> None:
-        """Create the check.
+    def __init__(self) -> None:
+        self._errors, self._new_images = VectorHistory(SPANS[-1]), 0
 
-        Args:
-            errors: errors (m, k) of the last SPANS[-1] seconds, in units of the tolerance.
+    def add(self, stamp: float, error: np.ndarray) -> float | None:
+        """Add the error (k,) of an image, in units of the tolerance.
+
+        Return the frequency of its oscillation (Hz), or None if it does not oscillate.
         """
-        self._errors, self._image_count = errors, 0
-
-    def update(self) -> float:
-        """Evaluate the errors after a new image has been added to them.
-
-        Return the frequency of their oscillation (Hz), or 0 if they do not oscillate.
-        """
-        self._image_count += 1
-        return _find_frequency(self._errors.stamps, self._errors.rows, self._image_count)
+        self._errors.add(stamp, error)
+        self._new_images += 1
+        frequency = _find_frequency(self._errors.stamps, self._errors.rows, self._new_images)
+        return frequency if frequency > 0.0 else None
 
     @property
     def is_oscillating(self) -> bool:

@@ -52,16 +52,16 @@ NO_SIZES = np.zeros(0)
 class ProgressCheck:
     """Check of the progress towards the goal over the last WINDOW seconds."""
 
-    def __init__(self, errors: VectorHistory, duration: float = np.inf) -> None:
+    def __init__(self, duration: float = np.inf) -> None:
         """Create the check.
 
         Args:
-            errors: history to which the error (k,) of each image is added, in units of the
-                tolerance. If the number of components changes, it loses the earlier images.
             duration: time limit of the run, s.
         """
-        self._images: deque[ServoedImage] = deque()  # images of the last WINDOW seconds
-        self._errors = errors
+        self._images: deque[ServoedImage] = deque()
+        # Error (k,) of each of these images, in units of the tolerance. If the number of components
+        # changes, the earlier images are removed from the history.
+        self._errors = VectorHistory(WINDOW)
         self._running = Outcome()
         self._noise: float | None = None  # result of `noise`; None until it is computed
         self._duration = duration
@@ -77,13 +77,14 @@ class ProgressCheck:
     def clear(self) -> None:
         """Remove all images, because the loop was interrupted."""
         self._images.clear()
+        self._errors.clear()
         self._within_since = self._noise = None
 
     def add(
         self, state: ServoState, tolerances: np.ndarray, depth: float = DEFAULT_DEPTH,
         elbows: Sequence[Elbow] = (),
-    ) -> None:
-        """Add one image.
+    ) -> np.ndarray:
+        """Add one image and return its error (k,), in units of the tolerance.
 
         Args:
             state: state of the loop at the image.
@@ -108,6 +109,7 @@ class ProgressCheck:
         self._noise = None
         while self._images[0].state.stamp < stamp - WINDOW:
             self._images.popleft()
+        return error
 
     @property
     def is_shrinking(self) -> bool:
@@ -121,7 +123,7 @@ class ProgressCheck:
             Whether the error has decreased, or its mean is within the tolerances; whether its mean
             in the second half is within the tolerances, so that only noise remains.
         """
-        errors = self._latest_errors
+        errors = self._errors.rows
         # sizes of the errors before the number of their components changed
         sizes = self._sizes[: -len(errors)] if len(errors) < len(self._images) else NO_SIZES
         before, after, is_within = _compute_halves(sizes, errors)
@@ -132,11 +134,6 @@ class ProgressCheck:
     def _sizes(self) -> np.ndarray:
         """Return the sizes (m,) of the errors of all images, in units of the tolerance."""
         return np.array([image.error_size for image in self._images])
-
-    @property
-    def _latest_errors(self) -> np.ndarray:
-        """Return the errors (n, k) of the latest n images with the same number of components."""
-        return self._errors.rows[-len(self._images) :] if self._images else np.empty((0, 0))
 
     @property
     def settled_time(self) -> float:
@@ -191,7 +188,7 @@ class ProgressCheck:
         return self._noise
 
     def _estimate_noise(self) -> float:
-        errors = self._latest_errors
+        errors = self._errors.rows
         if len(errors) != len(self._images) or len(errors) < 10:
             return 0.0
         scatter = errors.std(axis=0)
@@ -295,7 +292,7 @@ class ProgressCheck:
             return ""
         scale = np.repeat((last.depth, 1.0), 3)
         inverse = np.linalg.pinv(L * scale / last.tolerances[:, None], rcond=1e-6)
-        pose = (self._latest_errors @ inverse.T * scale).std(axis=0)
+        pose = (self._errors.rows @ inverse.T * scale).std(axis=0)
         distance, angle = 1e3 * np.linalg.norm(pose[:3]), np.degrees(np.linalg.norm(pose[3:]))
         return (
             f": one image determines the camera's pose to {distance:.2g} mm and "

@@ -35,7 +35,9 @@ class FeaturesContradict(DiagnosisRule):
         state, observation, goal = record.state, record.observation, evidence.run_context.goal
         scheme, motion = evidence.run_context.scheme, evidence.motion_check
         output, tolerances = state.scheme_output, np.asarray(scheme.tolerances, float)
-        evidence.progress_check.add(state, tolerances, goal.distance, evidence.run_context.elbows)
+        evidence.error = evidence.progress_check.add(
+            state, tolerances, goal.distance, evidence.run_context.elbows
+        )
         units = tuple(scheme.units)
         if units != self._units or len(units) != tolerances.size:
             # The error of an angle, or of a feature without a unit, may jump by one turn; that of a

@@ -63,7 +63,9 @@ class TargetMoves(DiagnosisRule):
                 if check is None:
                     check = evidence.camera_checks[name] = CameraModelCheck(run.jacobian)
                 check.add(features, observation)
-        evidence.oscillation = evidence.gain_check.add(state.stamp, run.scheme, record.age)
+        evidence.oscillation = evidence.gain_check.add(
+            state.stamp, evidence.error, run.scheme, record.age
+        )
         evidence.is_oscillation_fast = (
             evidence.oscillation is not None and evidence.gain_check.is_fast
         )

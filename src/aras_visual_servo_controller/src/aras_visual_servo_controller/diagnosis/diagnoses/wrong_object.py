@@ -87,14 +87,11 @@ class ShapeCheck:
             self._desired = desired, spread, anisotropy(desired), there
         ratio = gyration_radius(measured) ** 2 / measured.m00 / self._desired[1]
         elongation_difference = abs(anisotropy(measured) - self._desired[2])
-        if (
-            1.0 / self.MAX_COMPACTNESS_RATIO < ratio < self.MAX_COMPACTNESS_RATIO
-            and elongation_difference <= self.MAX_ANISOTROPY_DIFFERENCE
-        ):
-            self._mismatch_count = 0
-            return ""
-        here = 0.0 if observation.plane is None else tilt(observation.plane)
-        if here > self.MAX_TILT and abs(here - self._desired[3]) > self.MIN_TILT_DIFFERENCE:
+        is_alike = 1.0 / self.MAX_COMPACTNESS_RATIO < ratio < self.MAX_COMPACTNESS_RATIO
+        is_alike &= elongation_difference <= self.MAX_ANISOTROPY_DIFFERENCE
+        here = 0.0 if is_alike or observation.plane is None else tilt(observation.plane)
+        is_tilted = here > self.MAX_TILT
+        if is_alike or is_tilted and abs(here - self._desired[3]) > self.MIN_TILT_DIFFERENCE:
             self._mismatch_count = 0
             return ""
         self._mismatch_count += 1

@@ -203,7 +203,12 @@ def is_in_view(outline: np.ndarray, camera: CameraModel, margin: float = 2.0) ->
         outline: corners (n, 2) in normalised coordinates.
         margin: minimum distance of the outline from the image border, px.
     """
-    columns, rows = _project_outline(outline, camera).T.tolist()
+    return are_pixels_in_view(_project_outline(outline, camera), camera, margin)
+
+
+def are_pixels_in_view(pixels: np.ndarray, camera: CameraModel, margin: float) -> bool:
+    """Return True if all pixels (n, 2) are at least `margin` (px) inside the image border."""
+    columns, rows = pixels.T.tolist()
     return (
         min(columns) >= margin and max(columns) <= camera.width - 1 - margin
         and min(rows) >= margin and max(rows) <= camera.height - 1 - margin

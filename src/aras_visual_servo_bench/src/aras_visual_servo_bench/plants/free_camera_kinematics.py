@@ -9,7 +9,7 @@ import numpy as np
 from aras_visual_servo_base.poses import inverse, logarithm, relative_pose
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.kinematics.algebra import are_finite
-from aras_visual_servo_controller.kinematics.chain import Chain
+from aras_visual_servo_controller.kinematics.chain import Chain, compute_pose_and_jacobian
 from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 
 COORDINATE_NAMES = ("x", "y", "z", "rx", "ry", "rz")
@@ -81,7 +81,8 @@ class FreeCameraKinematics:
         key, (cached_key, found) = q.tobytes(), self._cache
         # the result is cached, because several parts of the loop request it for each image
         if key != cached_key:
-            found = self.chain.compute_pose_and_jacobian(q)
+            found = np.empty((4, 4)), np.empty((6, 6))
+            compute_pose_and_jacobian(*self.chain, q, *found)
             for array in found:
                 array.setflags(write=False)
             self._cache = key, found

@@ -123,13 +123,19 @@ class ImagingSettings:
             points = self.target.shape.points(target_T_camera)
         except OutOfViewError:
             return None
-        in_view = self.is_unbounded or cameras.is_in_view(outline, self.camera, 0.0)
-        if not in_view or self.is_clipped(outline, target_T_camera):
+        camera, pixels = self.camera, self.camera.project_points(outline)
+        # the edges between the pixels are curved if the lens has distortion
+        in_view = self.is_unbounded or (
+            cameras.is_in_view(outline, camera, 0.0) if camera.is_distorted
+            else cameras.are_pixels_in_view(pixels, camera, 0.0)
+        )  # fmt: skip
+        if (
+            not in_view
+            or self.depth_range is not None and self.is_clipped(outline, target_T_camera)
+            or self.blind_mask is not None and self.is_blind_at(pixels)
+        ):
             return None
-        pixels = self.camera.project_points(outline)
-        if self.is_blind_at(pixels):
-            return None
-        return pixels, None if points is None else self.camera.project_points(points)
+        return pixels, None if points is None else camera.project_points(points)
 
     def is_clipped(self, outline: np.ndarray, target_T_camera: np.ndarray) -> bool:
         """Return True if the depth of a point of the outline is outside `depth_range`.

@@ -12,7 +12,7 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import jit
 from aras_visual_servo_controller.kinematics import Arm
-from aras_visual_servo_controller.kinematics.algebra import solve_linear
+from aras_visual_servo_controller.kinematics.algebra import are_finite, solve_linear
 from aras_visual_servo_controller.kinematics.chain import CHAIN_SIGNATURE, compute_pose_and_jacobian
 from aras_visual_servo_controller.kinematics.free_body_kinematics import move_freely
 from aras_visual_servo_controller.observation.frame import NANOSECONDS
@@ -82,6 +82,7 @@ class KinematicPlant(Plant):
             collect_vibrations(imaging, *other_imaging),
         )
         self._image_ns = min(exposure.due_ns for exposure in self._exposures)
+        self._pose: np.ndarray | None = None  # current rest pose; None until it is computed
         self._lag = lag
         self.time_ns = 0
         self._chain, still = tuple(arm.chain), np.zeros(len(q))
@@ -102,10 +103,11 @@ class KinematicPlant(Plant):
 
     def advance(self, until_ns: int) -> list[Reading]:
         """Advance to the next measurement, but not beyond `until_ns`; see Plant.advance."""
-        if self._updates is not None and self._joints_ns <= min(self._image_ns, until_ns):
-            self._update_loop(min(self._image_ns, until_ns))
+        self._pose, until_ns = None, min(self._image_ns, until_ns)
+        if self._updates is not None and self._joints_ns <= until_ns:
+            self._update_loop(until_ns)
         joints_ns = self._joints_ns
-        time_ns = min(joints_ns, self._image_ns, until_ns)
+        time_ns = min(joints_ns, until_ns)
         dt = (time_ns - self.time_ns) / NANOSECONDS
         if dt > 0.0 and self._has_velocity_commands:
             follow_velocity(self._chain, self._state, self._lag, dt)
@@ -134,7 +136,7 @@ class KinematicPlant(Plant):
             raise ExperimentError(
                 f"this plant accepts {' or '.join(sorted(self.outputs))} commands, not {kind}"
             )
-        if values.shape != self._state[Q].shape or not all(np.isfinite(values).tolist()):
+        if values.shape != self._state[Q].shape or not are_finite(values, values, values):
             raise ExperimentError(
                 f"a command must be {len(self.joint_names)} finite numbers, got {values}"
             )
@@ -142,7 +144,9 @@ class KinematicPlant(Plant):
 
     def read_rest_pose(self) -> np.ndarray:
         """Return world_T_camera (4, 4) of the control camera, without vibration."""
-        return self.arm.pose(self._state[Q]).copy()
+        if self._pose is None:
+            self._pose = self.arm.pose(self._state[Q])
+        return self._pose.copy()
 
     def compute_rest_poses(self, positions: np.ndarray) -> np.ndarray:
         """Compute world_T_camera (m, 4, 4) for m joint states (m, n)."""
@@ -181,22 +185,16 @@ class KinematicPlant(Plant):
     def _update_loop(self, until_ns: int) -> None:
         """Advance from joint state to joint state up to `until_ns`, and update the loop with each.
         """
-        due, number, joints_ns = [], self._samples, self._joints_ns
         end_ns = min(until_ns, self._read_end_ns())
-        while joints_ns <= end_ns:
-            due.append(joints_ns)
-            number += 1
-            joints_ns = JOINT_PHASE_NS + round(number * self._joint_period)
-        loop = self._updates.make_loop() if due else None
+        loop = self._updates.make_loop() if self._joints_ns <= end_ns else None
         if loop is None:
             return
-        stamps, samples = np.empty(len(due)), np.empty((len(due), 3, len(self.joint_names)))
-        count, reached = update_loop(
-            np.array(due), self.time_ns, self._lag, self._has_velocity_commands, self._chain,
-            self._state, stamps, samples, loop,
+        most = int((end_ns - self._joints_ns) / self._joint_period) + 2
+        stamps, samples = np.empty(most), np.empty((most, 3, len(self.joint_names)))
+        count, self.time_ns = update_loop(
+            self._samples, self._joint_period, end_ns, self.time_ns, self._lag,
+            self._has_velocity_commands, self._chain, self._state, stamps, samples, loop,
         )
-        if reached:
-            self.time_ns = due[reached - 1]
         self._count_samples(count)
         stamps, samples = stamps[:count].tolist(), samples[:count]
         self._updates.apply_results(stamps, samples)
@@ -283,9 +281,11 @@ def follow_velocity(chain, state, lag, dt):
     solve_linear(jacobian, state[V])
 
 
-@jit(f"i8[::1], i8, f8, b1, {CHAIN}, f8[:,::1], f8[::1], f8[:,:,::1], {LOOP_TYPE}")
+@jit(f"i8, f8, f8, i8, f8, b1, {CHAIN}, f8[:,::1], f8[::1], f8[:,:,::1], {LOOP_TYPE}")
 def update_loop(
-    due_ns,
+    number,
+    period,
+    end_ns,
     time_ns,
     lag,
     has_velocity_commands,
@@ -300,38 +300,44 @@ def update_loop(
     Stop at a joint state that Python has to process.
 
     Args:
-        due_ns: (m,) times of the joint states, ns.
+        number: number of the next joint state, counted from the start of the simulation.
+        period: period of the joint states, ns.
+        end_ns: time of the last joint state to process, or later, ns.
         time_ns: present time, ns.
         lag: time constant of the coordinates, s.
         has_velocity_commands: whether velocities are commanded.
         plant_chain: kinematics of the plant, as the fields of a Chain.
         state: (7, n) state of the plant; modified.
-        stamps: (m,) output, stamps of the joint states, s.
+        stamps: (m,) output, stamps of the joint states, s; m is at least their number.
         samples: (m, 3, n) output, their positions and velocities, and the resulting commands.
         loop: see `process_joint_state`.
 
     Returns:
-        The number of joint states that the loop has processed, and the number of joint states that
-        the plant has reached.
+        The number of joint states that the loop has processed, and the time of the last joint state
+        that the plant has reached, ns.
     """
-    for k in range(len(due_ns)):
-        dt = (due_ns[k] - time_ns) / NANOSECONDS
+    count = 0
+    while True:
+        joints_ns = JOINT_PHASE_NS + int(np.rint((number + count) * period))
+        if joints_ns > end_ns:
+            return count, time_ns
+        dt = (joints_ns - time_ns) / NANOSECONDS
         if dt > 0.0 and has_velocity_commands:
             follow_velocity(plant_chain, state, lag, dt)
         elif dt > 0.0:
             follow_position(state, lag, dt)
-        time_ns = due_ns[k]
-        stamps[k] = float(time_ns // NANOSECONDS) + (time_ns % NANOSECONDS) / 1e9
+        time_ns, sample = joints_ns, samples[count]
+        stamps[count] = float(time_ns // NANOSECONDS) + (time_ns % NANOSECONDS) / 1e9
         for i in range(state.shape[1]):
-            samples[k, 0, i], samples[k, 1, i] = state[Q, i], state[V, i]
-        result = process_joint_state(samples[k, 0], samples[k, 1], stamps[k], loop)
+            sample[0, i], sample[1, i] = state[Q, i], state[V, i]
+        result = process_joint_state(sample[0], sample[1], stamps[count], loop)
         if result == NEEDS_PYTHON:
-            return k, k + 1
+            return count, time_ns
         for i in range(state.shape[1]):
-            samples[k, 2, i] = loop[LOOP_ROWS][SENT_VALUES, i]
+            sample[2, i] = loop[LOOP_ROWS][SENT_VALUES, i]
         if has_velocity_commands:
-            convert_to_motion(plant_chain, state, samples[k, 2], state[MOTION_COMMAND])
+            convert_to_motion(plant_chain, state, sample[2], state[MOTION_COMMAND])
         else:
             for i in range(state.shape[1]):
-                state[COMMAND, i] = samples[k, 2, i]
-    return len(due_ns), len(due_ns)
+                state[COMMAND, i] = sample[2, i]
+        count += 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 import logging
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -131,6 +131,7 @@ class Loop:
         """
         self.experiment, self.parts = experiment, parts
         self.plant, self.servo = parts.plant, parts.servo
+        self._control_name = parts.rig.control.name
         self.reading: Frame | None = None
         self.state: ServoState | None = None
         self._recorder = RunRecorder(len(self.plant.joint_names), records_films)
@@ -158,9 +159,10 @@ class Loop:
         }
         self._start_ns: int | None = None
         self._convergence_ns: int | None = None
+        self._update_end()
         self._collision: tuple[str, str] | None = None
         if on_joint_state is None:
-            self.plant.attach_loop(self._driver, self._recorder, self._find_end)
+            self.plant.attach_loop(self._driver, self._recorder, lambda: self._end_ns)
 
     def send(self, command: JointCommand) -> None:
         """Send a command to the joints of the plant.
@@ -176,10 +178,9 @@ class Loop:
         if not state.has_processed_image:
             return
         self._has_new_state = True
-        if state.phase != CONVERGED:
-            self._convergence_ns = None
-        elif self._convergence_ns is None:
-            self._convergence_ns = self.plant.time_ns
+        if (state.phase == CONVERGED) != (self._convergence_ns is not None):
+            self._convergence_ns = self.plant.time_ns if state.phase == CONVERGED else None
+            self._update_end()
         self.state = state
         if state.outcome == STUCK_OUTCOME and self._collision is None:
             self._collision = self.plant.find_collision()
@@ -209,19 +210,20 @@ class Loop:
         """True after the end of the run."""
         if self._termination is not None and self._termination.is_over:
             return True
-        return self.plant.time_ns > self._find_end()
+        return self.plant.time_ns > self._end_ns
 
-    def _find_end(self) -> float:
-        """Return the expected end of the run, ns; it becomes earlier if the loop converges."""
+    def _update_end(self) -> None:
+        """Compute the expected end of the run, ns; it becomes earlier if the loop converges."""
         time_after_convergence = self.experiment.time_after_convergence
         if self._start_ns is None:
-            return FIRST_IMAGE_TIMEOUT_NS - 1
+            self._end_ns = FIRST_IMAGE_TIMEOUT_NS - 1
+            return
         # The loop detects the end of the duration at the next image, so one more image is exposed.
-        last_ns = self._start_ns + self.experiment.duration * NANOSECONDS + FINAL_NS
-        if time_after_convergence is None or self._convergence_ns is None or self._has_free_camera:
-            return last_ns
-        end_ns = self._convergence_ns + time_after_convergence * NANOSECONDS
-        return min(last_ns, np.nextafter(end_ns, 0.0))
+        self._end_ns = self._start_ns + self.experiment.duration * NANOSECONDS + FINAL_NS
+        if not (time_after_convergence is None or self._convergence_ns is None
+                or self._has_free_camera):
+            end_ns = self._convergence_ns + time_after_convergence * NANOSECONDS
+            self._end_ns = min(self._end_ns, np.nextafter(end_ns, 0.0))
 
     def run_to_end(self, progress: Callable[[float], None] | None = None) -> None:
         """Continue to the end of the run.
@@ -240,57 +242,54 @@ class Loop:
         Returns:
             The state of the loop after the image; None if the run ends before the next image.
         """
-        driver, observe = self._driver, self.parts.observe
+        plant, pending = self.plant, self._pending
         self._has_new_state = False
         while not (self._has_new_state or self.is_over):
-            for reading in self._advance_plant():
-                if isinstance(reading, JointReading):
-                    if self._on_joint_state is not None:
-                        self._on_joint_state(self, reading)
-                    stamp = reading.stamp
-                    driver.add_joint_state(
-                        reading.names, reading.positions, reading.velocities, stamp
-                    )
-                    self._recorder.on_joints(stamp, *reading.select(self.plant.joint_names))
+            until_ns = plant.time_ns + NANOSECONDS
+            if pending:
+                until_ns = min(until_ns, pending[0][0])
+            for reading in plant.advance(until_ns):
+                if not isinstance(reading, JointReading):
+                    self._add_frame(reading)
                     continue
-                if reading.name == self.parts.rig.control.name:
-                    self.reading = reading
-                driver.add_image(reading.stamp, partial(observe, reading), reading.name)
+                if self._on_joint_state is not None:
+                    self._on_joint_state(self, reading)
+                stamp = reading.stamp
+                self._driver.add_joint_state(
+                    reading.names, reading.positions, reading.velocities, stamp
+                )
+                self._recorder.on_joints(stamp, *reading.select(plant.joint_names))
+            while pending and pending[0][0] <= plant.time_ns:
+                self._deliver(heapq.heappop(pending)[2])
         return self.state if self._has_new_state else None
 
-    def _advance_plant(self) -> Iterator[JointReading | Frame]:
-        """Advance the plant; yield each joint state, and each frame when it arrives at the loop."""
-        plant, pending = self.plant, self._pending
-        until_ns = plant.time_ns + NANOSECONDS
-        if pending:
-            until_ns = min(until_ns, pending[0][0])
-        for reading in plant.advance(until_ns):
-            if isinstance(reading, JointReading):
-                yield reading
-                continue
-            self._note_exposure(reading)
-            if reading.name not in self.parts.rig.observers:
-                continue
-            if delay_ns := self._delays_ns[reading.name]:
-                # the increasing number keeps frames that arrive at the same time in their order
-                self._delayed_count += 1
-                heapq.heappush(pending, (reading.stamp_ns + delay_ns, self._delayed_count, reading))
-            else:
-                yield reading
-        while pending and pending[0][0] <= plant.time_ns:
-            yield heapq.heappop(pending)[2]
-
-    def _note_exposure(self, frame: Frame) -> None:
-        """Record a frame when it is exposed, even if the loop does not read its camera."""
+    def _add_frame(self, frame: Frame) -> None:
+        """Record an exposed frame, even if the loop does not read its camera, and deliver it."""
         if self._on_frame is not None:
             self._on_frame(self, frame)
-        if frame.name != self.parts.rig.control.name:
+        if frame.name != self._control_name:
             model = self.parts.cameras[frame.name].true_camera
             pose = self.parts.placements[frame.name].compute_pose(self.plant.read_rest_pose())
             pose = self.plant.apply_vibration(pose, frame.stamp_ns, frame.name)
             self._recorder.add_image(frame, pose, model)
         elif self._start_ns is None:
             self._start_ns = frame.stamp_ns
+            self._update_end()
+        if frame.name not in self.parts.rig.observers:
+            return
+        if delay_ns := self._delays_ns[frame.name]:
+            # the increasing number keeps frames that arrive at the same time in their order
+            self._delayed_count += 1
+            arrival = frame.stamp_ns + delay_ns, self._delayed_count, frame
+            heapq.heappush(self._pending, arrival)
+        else:
+            self._deliver(frame)
+
+    def _deliver(self, frame: Frame) -> None:
+        """Pass a frame to the loop."""
+        if frame.name == self._control_name:
+            self.reading = frame
+        self._driver.add_image(frame.stamp, partial(self.parts.observe, frame), frame.name)
 
     def compute_goal_pose(self) -> np.ndarray:
         """Compute the current desired world_T_camera (4, 4); it moves with the target."""
@@ -303,7 +302,7 @@ class Loop:
     def compute_verdict(self) -> Verdict:
         """Compute the verdict by comparing the true camera pose, without vibration, with the goal.
         """
-        offset = self.parts.cameras[self.parts.rig.control.name].spec.calibration_offset
+        offset = self.parts.cameras[self._control_name].spec.calibration_offset
         depth = self.parts.goal.distance / offset.depth
         return Verdict.compare(
             self.compute_goal_pose(), self.plant.read_rest_pose(), depth, self.experiment.reached

@@ -10,7 +10,7 @@ from aras_visual_servo_base.names import suggest
 from aras_visual_servo_base.urdf import Joint, parse_tree
 
 from ..errors import ConfigurationError, MeasurementError
-from .chain import Chain
+from .chain import Chain, compute_pose_and_jacobian
 from .joint_paths import check_joint, find_camera_path, read_limits, select_joints
 from .joint_sample import JointSample
 
@@ -189,8 +189,10 @@ class Arm:
         if cached is not None and key == cached[0]:
             # The result is cached, because several parts of the loop need it for the same joints.
             return cached[1]
-        pose, jacobian = self.chain.compute_pose_and_jacobian(q)
-        result = _make_read_only(pose), _make_read_only(jacobian)
+        result = np.empty((4, 4)), np.empty((6, len(q)))
+        compute_pose_and_jacobian(*self.chain, q, *result)
+        for array in result:
+            array.setflags(write=False)
         self._pose_cache = key, result
         return result
 

@@ -105,12 +105,6 @@ class Chain(NamedTuple):
         _compute_frames(*self[:3], *self[4:6], np.asarray(q, float), frames)
         return frames
 
-    def compute_pose_and_jacobian(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Compute `target_T_camera` (4, 4) and its Jacobian (6, n) in the camera frame."""
-        pose, jacobian = np.empty((4, 4)), np.empty((6, len(q)))
-        compute_pose_and_jacobian(*self, q, pose, jacobian)
-        return pose, jacobian
-
     def compute_poses(self, positions: np.ndarray) -> np.ndarray:
         """Compute `target_T_camera` for joint positions (m, n); return an array (m, 4, 4)."""
         positions, poses = np.asarray(positions, float), np.empty((len(positions), 4, 4))

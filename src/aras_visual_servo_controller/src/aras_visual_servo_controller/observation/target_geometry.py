@@ -22,6 +22,9 @@ from ..errors import ConfigurationError, ServoError
 
 Corner = tuple[float, float, float]
 ELLIPSE_CORNERS = 32
+# Upper bound of the number of corners that the outline of two boxes has: the corners of two convex
+# outlines with up to eight corners, and the crossings of all pairs of their sides.
+MAX_CORNERS = 8 + 8 + 8 * 8
 
 
 @dataclass(frozen=True)
@@ -119,20 +122,27 @@ class TargetGeometry:
             ServoError: a box is not in front of the camera, or the boxes do not overlap in the
                 image.
         """
-        return compute_silhouette(self.boxes, self.ground, np.asarray(world_T_camera, float))
+        outline, pose = np.empty((MAX_CORNERS, 2)), np.asarray(world_T_camera, float)
+        return outline[: compute_silhouette(self.boxes, self.ground, pose, outline)]
 
 
-@jit("f8[:,:,:], f8, f8[:,:]")
-def compute_silhouette(boxes, ground, world_T_camera):
-    """Return the common outline (n, 2) of one or two boxes; see TargetGeometry.compute_outline.
+@jit("f8[:,:,:], f8, f8[:,:], f8[:,::1]")
+def compute_silhouette(boxes, ground, world_T_camera, outline):
+    """Compute the common outline of one or two boxes; see TargetGeometry.compute_outline.
 
-    Only the parts above the height `ground` are visible.
+    Only the parts above the height `ground` are visible. The corners (n, 2) are written into the
+    first rows of `outline` (MAX_CORNERS, 2).
+
+    Returns:
+        The number n of corners.
     """
-    one = _compute_box_outline(boxes[0, 0], boxes[0, 1], ground, world_T_camera)
-    if len(boxes) == 1:
-        return one
-    other = _compute_box_outline(boxes[1, 0], boxes[1, 1], ground, world_T_camera)
-    return unite_star_shapes(one, other)
+    corners = _compute_box_outline(boxes[0, 0], boxes[0, 1], ground, world_T_camera)
+    if len(boxes) > 1:
+        other = _compute_box_outline(boxes[1, 0], boxes[1, 1], ground, world_T_camera)
+        corners = unite_star_shapes(corners, other)
+    for k in range(len(corners)):
+        outline[k, 0], outline[k, 1] = corners[k, 0], corners[k, 1]
+    return len(corners)
 
 
 @jit("f8[:], f8[:], f8, f8[:,:]")

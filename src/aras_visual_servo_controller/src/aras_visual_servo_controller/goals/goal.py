@@ -98,6 +98,11 @@ class Goal:
             return 1.0 / self.plane.C
         return self.depth or DEFAULT_DEPTH
 
+    @cached_property
+    def twist_scale(self) -> np.ndarray:
+        """Factors (6,) that convert a twist with `distance` as unit of length to m and rad."""
+        return np.array((self.distance,) * 3 + (1.0,) * 3)
+
     @property
     def scale(self) -> float:
         """Factor of lengths in settings, which are meant for a target at DEFAULT_DEPTH."""

@@ -192,6 +192,39 @@ def triangularise(rows, columns):
             rows[i, j] = 0.0
 
 
+@jit("f8[:,:], f8[:], f8[:,:], f8[:,::1], f8[::1], f8[:,::1]")
+def reduce_equations(L, rate, accuracy, reduced_L, reduced_rate, reduced_accuracy):
+    """Copy the equations L x = rate; if there are more than six, reduce them to a triangle.
+
+    Args:
+        L, rate: (k, 6) and (k,) the equations.
+        accuracy: (k, m) further columns, which are transformed like `rate`.
+        reduced_L, reduced_rate, reduced_accuracy: outputs with min(k, 6) rows.
+
+    Returns:
+        Whether L and rate are finite; if not, the outputs are undefined.
+    """
+    count, total = len(L), 0.0
+    rows = np.empty((count, 7 + accuracy.shape[1]))
+    for i in range(count):
+        for j in range(6):
+            rows[i, j] = L[i, j]
+        rows[i, 6] = rate[i]
+        for j in range(7):
+            total += 0.0 * rows[i, j]
+        for j in range(accuracy.shape[1]):
+            rows[i, 7 + j] = accuracy[i, j]
+    if count > 6:
+        triangularise(rows, 6)
+    for i in range(len(reduced_L)):
+        for j in range(6):
+            reduced_L[i, j] = rows[i, j]
+        reduced_rate[i] = rows[i, 6]
+        for j in range(accuracy.shape[1]):
+            reduced_accuracy[i, j] = rows[i, 7 + j]
+    return total == 0.0
+
+
 @jit("f8[:,::1], f8[::1]", allocates=False)
 def solve_linear(matrix, values):
     """Overwrite `values` (n,) with the solution x of matrix @ x = values.

@@ -38,7 +38,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import ServoError
-from .algebra import are_finite
 from .arm import Arm
 from .chain import NO_JOINTS
 from .command_limits import CommandLimits
@@ -188,7 +187,8 @@ class DifferentialIK:
             numpy.linalg.LinAlgError: the Jacobian is not finite.
         """
         q, dt = np.asarray(q, float), float(dt)
-        if not (are_finite(q, q, q) and math.isfinite(dt)):
+        # a sum of squares is finite only if all values are finite
+        if not (math.isfinite(q.dot(q)) and math.isfinite(dt)):
             raise ValueError(f"inverse kinematics: joints {q} or dt {dt} are not finite")
         preferred = np.zeros(len(q))
         for entry in self.other_tasks:
@@ -277,7 +277,8 @@ def solve_ik(
         ServoError: the velocities are not finite.
         ValueError: an input is not finite.
     """
-    solution = differential_ik.solve(q, task.measurable_task, period, velocities)
-    if not are_finite(solution.velocities, solution.velocities, solution.velocities):
+    measurable = task if task.is_exact else task.measurable_task
+    solution = differential_ik.solve(q, measurable, period, velocities)
+    if not math.isfinite(solution.velocities.dot(solution.velocities)):
         raise ServoError("the joint velocities are not finite")
     return solution

@@ -13,9 +13,9 @@ from ..errors import InvalidTaskError
 from .algebra import (
     ROUNDING_TOLERANCE,
     is_task_finite,
+    reduce_equations,
     solve_least_squares,
     svd,
-    triangularise,
 )
 
 ALL_DIRECTIONS = (True,) * 6
@@ -25,6 +25,9 @@ UNITS = ("m/s",) * 3 + ("rad/s",) * 3
 # this (see `Task.uncertainty`): a fraction of the depth for translations, rad for rotations. Noise
 # moves the servoed camera by some tenths of the uncertainty.
 MAX_UNCERTAINTY = 0.3
+# For more rows than this, eigenvectors reduce L faster than a QR decomposition.
+MANY_ROWS = 512
+NO_COLUMNS = np.empty((6, 0))  # columns of an accuracy that is one number
 
 
 @dataclass(eq=False)
@@ -48,6 +51,8 @@ class Task:
             causes, each by one standard deviation.
         rank_tolerance: singular values of L below this fraction of the largest one are treated as
             0.
+        is_exact: whether `accuracy` is 0 and `rank_tolerance` has its default, so that no direction
+            is uncertain.
     """
 
     L: np.ndarray
@@ -63,8 +68,11 @@ class Task:
         Raises:
             InvalidTaskError: a shape is wrong, or a value is not finite.
         """
-        L, rate = _read_array(self.L), _read_array(self.desired_rate)
-        modelled = np.array(self.modelled, bool)
+        try:
+            L, rate = np.asarray(self.L, float), np.asarray(self.desired_rate, float)
+        except (TypeError, ValueError):
+            L, rate = _read_array(self.L), _read_array(self.desired_rate)
+        modelled, accuracy = np.array(self.modelled, bool), self.accuracy
         if L.ndim != 2 or L.shape[1] != 6 or rate.shape != (len(L),) or len(L) == 0:
             raise InvalidTaskError(
                 f"a task needs L of shape (k, 6) and a rate of shape (k,), got {L.shape} and "
@@ -72,12 +80,7 @@ class Task:
             )
         if modelled.shape != (6,):
             raise InvalidTaskError(f"modelled must have the shape (6,), got {modelled.shape}")
-        if not is_task_finite(L, rate):
-            raise InvalidTaskError(
-                "the interaction matrix or the desired rate is not finite; check the "
-                "scheme's features"
-            )
-        accuracy = self.accuracy
+        columns = own_columns = NO_COLUMNS
         if type(accuracy) is not float or not isfinite(accuracy):
             accuracy = _read_array(accuracy)
             fits = accuracy.ndim == 0 or accuracy.ndim == 2 and len(accuracy) == len(L)
@@ -86,12 +89,25 @@ class Task:
                     f"accuracy must be finite, and one number or of shape ({len(L)}, m), got shape "
                     f"{accuracy.shape}"
                 )
-            accuracy = accuracy if accuracy.ndim else float(accuracy)
-        if len(L) > 6:
-            L, rate, accuracy = _reduce_rows(L, rate, accuracy)
-        for array in (L, rate, modelled):
+            if accuracy.ndim:
+                columns, own_columns = accuracy, np.empty((min(len(L), 6), accuracy.shape[1]))
+            accuracy = own_columns if accuracy.ndim else float(accuracy)
+        if len(L) > MANY_ROWS and is_task_finite(L, rate):
+            L, rate, columns = _reduce_rows(L, rate, columns)
+        count = min(len(L), 6)
+        own_L, own_rate = np.empty((count, 6)), np.empty(count)
+        if not reduce_equations(L, rate, columns, own_L, own_rate, own_columns):
+            raise InvalidTaskError(
+                "the interaction matrix or the desired rate is not finite; check the "
+                "scheme's features"
+            )
+        for array in (own_L, own_rate, modelled):
             array.setflags(write=False)
-        self.L, self.desired_rate, self.modelled, self.accuracy = L, rate, modelled, accuracy
+        self.L, self.desired_rate, self.modelled, self.accuracy = (
+            own_L, own_rate, modelled, accuracy,
+        )  # fmt: skip
+        is_known = accuracy == 0.0 if type(accuracy) is float else not accuracy.any()
+        self.is_exact = is_known and self.rank_tolerance == ROUNDING_TOLERANCE
 
     @classmethod
     def from_interaction(
@@ -182,12 +198,9 @@ class Task:
     def measurable_task(self) -> Task:
         """Task without the directions whose uncertainty exceeds MAX_UNCERTAINTY.
 
-        If there are no such directions, or if `accuracy` is 0 and `rank_tolerance` has its default,
-        it is the task itself.
+        If there are no such directions, it is the task itself.
         """
-        accuracy = self.accuracy
-        is_exact = accuracy == 0.0 if type(accuracy) is float else not accuracy.any()
-        if is_exact and self.rank_tolerance == ROUNDING_TOLERANCE:
+        if self.is_exact:
             return self
         is_certain = self.uncertainty <= MAX_UNCERTAINTY
         if is_certain.all():
@@ -245,31 +258,19 @@ def _read_array(values: ArrayLike) -> np.ndarray:
 
 
 def _reduce_rows(
-    L: np.ndarray, desired_rate: np.ndarray, accuracy: np.ndarray | float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray | float]:
+    L: np.ndarray, desired_rate: np.ndarray, columns: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Reduce L to six rows with the same normal equations, and so with the same solutions.
 
-    Up to 512 rows are reduced by a QR decomposition. For more rows, the eigenvectors V and the
-    eigenvalues S^2 of L^T L are faster: the new rows are S V^T, the new rates S^-1 V^T L^T rate. An
-    `accuracy` that is an array is reduced like the rates; one number is not changed.
+    With the eigenvectors V and the eigenvalues S^2 of L^T L, the new rows are S V^T, and the new
+    rates are S^-1 V^T L^T rate. The columns (k, m) of an `accuracy` are reduced like the rates.
     """
-    apart = type(accuracy) is np.ndarray
-    if len(L) <= 512:
-        rows = np.empty((len(L), 7 + (accuracy.shape[1] if apart else 0)))
-        rows[:, :6], rows[:, 6] = L, desired_rate
-        if apart:
-            rows[:, 7:] = accuracy
-        triangularise(rows, 6)
-        return (
-            np.ascontiguousarray(rows[:6, :6]), rows[:6, 6].copy(),
-            rows[:6, 7:].copy() if apart else accuracy,
-        )  # fmt: skip
     squares, V = np.linalg.eigh(L.T @ L)
     kept = squares > 1e-13 * max(squares[-1], 0.0)
     s = np.sqrt(np.where(kept, squares, 0.0))
     kept &= s > 0.0
     projected = V.T @ (L.T @ desired_rate)
-    if apart:
-        accuracy = V.T @ (L.T @ accuracy)
-        accuracy[kept] /= s[kept, None]
-    return s[:, None] * V.T, np.divide(projected, s, out=np.zeros(6), where=kept), accuracy
+    if columns is not NO_COLUMNS:
+        columns = V.T @ (L.T @ columns)
+        columns[kept] /= s[kept, None]
+    return s[:, None] * V.T, np.divide(projected, s, out=np.zeros(6), where=kept), columns

@@ -23,6 +23,7 @@ limited. The loop does not read a clock: it takes the time from the stamps and f
 
 from __future__ import annotations
 
+from math import isfinite
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -92,7 +93,9 @@ class Servo(ServoStateMachine):
         than the last one has no effect.
         """
         stamp = float(observation.stamp)
-        if fault := self._find_stamp_fault(stamp):
+        if not (isfinite(stamp) and (self._stamp is None or stamp > self._stamp)
+                and (self._now is None or stamp <= self._now + MAX_STAMP_LEAD)):
+            fault = self._explain_stamp_fault(stamp)
             return self._record(observation, reason=f"the image stamped {stamp:.3f} s is ignored: "
                                                     f"{fault}")
         if self._stamp is not None:
@@ -100,7 +103,7 @@ class Servo(ServoStateMachine):
         self._stamp = stamp
         if self.phase == STOPPED or self._hold_reason:
             return self._record(observation)
-        if self.is_approaching:
+        if self._start_approach is not None and self.is_approaching:
             if self._start_approach is self._to_start or not observation.valid:
                 return self._record(observation)
             # The arm was returning to its last commanded pose, but the target is visible again: end
@@ -147,15 +150,13 @@ class Servo(ServoStateMachine):
         seconds = 0.0 if start_time is None else self.clock() - start_time
         return self._commit(observation, joints, output, solution, seconds)
 
-    def _find_stamp_fault(self, stamp: float) -> str:
-        """Describe why an image of this stamp (s) cannot be used; '' if it can."""
-        if not np.isfinite(stamp):
+    def _explain_stamp_fault(self, stamp: float) -> str:
+        """Describe why an image of this stamp (s) cannot be used."""
+        if not isfinite(stamp):
             return "its stamp is not finite"
         if self._stamp is not None and stamp <= self._stamp:
             return "it is not newer than the last image"
-        if self._now is not None and stamp > self._now + MAX_STAMP_LEAD:
-            return "its stamp is ahead of the joint states"
-        return ""
+        return "its stamp is ahead of the joint states"
 
     def _commit(
         self, observation: Observation, joints: JointSample, scheme_output: SchemeOutput,
@@ -166,7 +167,7 @@ class Servo(ServoStateMachine):
         self._is_paused, self._fault = False, ""
         self._has_new_answer = True
         task, dropped = scheme_output.task, ""
-        if task is not None and task.measurable_task is not task:
+        if not (task is None or task.is_exact or task.measurable_task is task):
             task, dropped = task.measurable_task, task.dropped_reason
         self.executor.set_task(task, solution, stamp, self._now)
         arrived = self._arrival_check.add(scheme_output, observation, solution)
@@ -180,7 +181,7 @@ class Servo(ServoStateMachine):
                 f"scheme {self.name} took {seconds:.3f} s, longer than the image period of "
                 f"{self._period:.3f} s"
             )
-        self.reason = "; ".join(text for text in dict.fromkeys(reasons) if text)
+        self.reason = "; ".join(filter(None, dict.fromkeys(reasons)))
         return self._record(
             observation, joints, scheme_output, solution, seconds, arrival_status=arrived
         )
@@ -204,7 +205,7 @@ class Servo(ServoStateMachine):
             missing_outcome: outcome to report; None for the outcome 'no_joint_states'.
         """
         t = float(t)
-        if not np.isfinite(t):
+        if not isfinite(t):
             return self._make_command(
                 0.0 if self._now is None else self._now, None, "time is not finite"
             )
@@ -229,7 +230,10 @@ class Servo(ServoStateMachine):
         measured = self._joints
         if self.integrator.command is None:
             self.integrator.start_at(measured.positions)
-        if self.is_approaching and self.phase != STOPPED and not self._hold_reason:
+        if (
+            self._start_approach is not None and self.is_approaching
+            and self.phase != STOPPED and not self._hold_reason
+        ):  # fmt: skip
             return self._update_approach(t, dt, measured)
         self._check_watchdog(t)
         return self._make_command(t, measured, self._execute_task(t, dt, measured) or self.reason)
@@ -249,7 +253,8 @@ class Servo(ServoStateMachine):
 
     def _execute_task(self, t: float, dt: float, measured: JointSample) -> str:
         """Integrate the velocities of the present task, and return what limits them, as text."""
-        self.executor.activate_pending(t)
+        if self.executor.pending_tasks:
+            self.executor.activate_pending(t)
         if self._foreign_nodes:
             self.integrator.yield_to(
                 [name in self._foreign_nodes for name in self.integrator.names], dt
@@ -285,6 +290,7 @@ class Servo(ServoStateMachine):
         """Stop the arm if no new task has arrived in time."""
         if self._has_new_answer:
             self._has_new_answer, self._answer_time = False, t
+            return
         if self.phase not in (SERVOING, CONVERGED):
             return
         answered, patience = self.answer_timing

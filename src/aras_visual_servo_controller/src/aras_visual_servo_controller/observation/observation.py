@@ -159,8 +159,6 @@ class Observation:
 
     def with_noise(self) -> Observation:
         """Return the observation with `corner_noise` added to the accuracy of the corners."""
-        if not self.corner_noise:
-            return self
         return replace(
             self, corner_accuracy=float(np.hypot(self.corner_accuracy, self.corner_noise)),
             corner_repeatability=max(self.corner_repeatability, self.corner_noise),

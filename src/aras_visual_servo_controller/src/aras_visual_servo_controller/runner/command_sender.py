@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from typing import Protocol
 
 import numpy as np
 
-from ..kinematics.algebra import are_finite
 from ..loop.servo import Servo
 from ..records.state import STOPPED, JointCommand, ServoState
 from ..settings import ControllerSettings
@@ -58,18 +58,20 @@ class CommandSender:
     def send(self, command: JointCommand, repeat: bool = False) -> None:
         """Send a command; with `repeat`, send equal positions again if a joint does not follow."""
         values = command.values
-        if self._is_ended or values is None or not are_finite(values, values, values):
+        # a sum of squares is finite only if all values are finite
+        if self._is_ended or values is None or not isfinite(values.dot(values)):
             return
         if self.values is None and self._servo.phase == STOPPED:
             # The loop has not been started, and another node may command the joints: send nothing.
             return
-        if self._servo.is_yielding and command.positions is not None:
+        is_position = command.kind == "position"
+        if is_position and self._servo.is_yielding:
             # The last command is no longer in effect, because another node commands the joints.
             self.values = None
             return
         if self.values is None or values.tolist() != self.values.tolist():
             self._foreign_watch.reset()
-        elif command.positions is not None and not repeat:
+        elif is_position and not repeat:
             # A position is sent again if the controller may not have received it, for example
             # because the controller was loaded later.
             allowed = not self.is_e_stopped and self._foreign_watch.can_resend(command)

@@ -211,8 +211,7 @@ class FeatureScheme(FeatureSchemeBase):
         filtered = measured.error
         if self.smoothing > 0.0:
             filtered = self._filter_error(filtered, observation.stamp)
-        # factors that convert a twist with the goal's distance as unit of length to m and rad
-        scale = np.array((goal.distance,) * 3 + (1.0,) * 3)
+        scale = goal.twist_scale
         A, b, weights = modelled * scale, filtered, self.feature.weights
         if weights is not None:
             A, b = weights[:, None] * A, weights * b
@@ -231,19 +230,16 @@ class FeatureScheme(FeatureSchemeBase):
             desired_rate = desired_rate * (np.pi / max(angle, np.pi))
         if self.ratio is not None:
             desired_rate = self.ratio * desired_rate
-        summary = measured.error_summary
+        summary, rate = measured.error_summary, desired_rate - measured.error_drift
+        known = self._estimate_accuracy(L, observation, goal)
         return SchemeOutput(
             names=self.names,
             features=measured.s if summary is None else summary,
             desired=measured.desired if summary is None else np.zeros_like(summary),
             error=measured.error if summary is None else summary,
-            task=Task.from_interaction(
-                L,
-                desired_rate - measured.error_drift,
-                self._modelled,
-                weights,
-                goal.distance,
-                **self._estimate_accuracy(L, observation, goal),
+            task=(
+                Task(L, rate, self._modelled, goal.distance, **known) if weights is None
+                else Task.from_interaction(L, rate, self._modelled, weights, goal.distance, **known)
             ),
             L=L,
             residual=None if summary is None else measured.error,
@@ -264,7 +260,9 @@ class FeatureScheme(FeatureSchemeBase):
         """
         if is_well_conditioned(L, self._modelled, goal.distance, WELL_CONDITIONED):
             return {}
-        accuracy = self.accuracy(observation.with_noise(), goal)
+        if observation.corner_noise:
+            observation = observation.with_noise()
+        accuracy = self.accuracy(observation, goal)
         if accuracy is not None:
             return {"accuracy": accuracy}
         return {"rank_tolerance": NOISE_RANK_TOLERANCE} if observation.is_from_image else {}

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping
-from math import inf
-from operator import is_
+from math import inf, isfinite
 from typing import Any, TypeVar
 
 import numpy as np
@@ -26,6 +24,9 @@ T = TypeVar("T")
 
 # fields of SchemeOutput with one number for each name
 COMPONENT_FIELDS = ("features", "desired", "error")
+FLOAT = np.dtype(float)
+# Latest tuple of tolerances that `compute` has accepted; it is not checked again.
+_accepted_tolerances: tuple[float, ...] = ()
 
 
 def compute(
@@ -56,7 +57,8 @@ def compute(
         UnresponsiveSchemeError: the scheme took longer than `limit`.
     """
     name = name or type(scheme).__name__
-    is_controller = isinstance(scheme, JointController)
+    # `isinstance` would call a Python function, because JointController is an abstract base class
+    is_controller = JointController in type(scheme).__mro__
     answer = scheme.process_image if is_controller else scheme.compute
     output = call_user_code(answer, observation, goal, t, limit=limit, scheme=name)
     if not isinstance(output, SchemeOutput):
@@ -65,27 +67,12 @@ def compute(
         )
     count = len(tuple(output.names))
     given = output.features, output.desired, output.error
-    arrays = [to_float_array(values) for values in given]
-    for field, array in zip(COMPONENT_FIELDS, arrays, strict=True):
-        if array is None or array.shape != (count,):
-            shape = "no numbers" if array is None else f"shape {array.shape}"
-            raise SchemeError(
-                f"scheme {name} returned {field} of {shape}, must return one number for each of "
-                f"the {count} names"
-            )
-    if not are_finite(*arrays):
-        for field, array in zip(COMPONENT_FIELDS, arrays, strict=True):
-            if not np.isfinite(array).all():
-                raise SchemeError(
-                    f"scheme {name} returned {field} that are not finite: {array.tolist()}"
-                )
-    tolerances = to_float_array(getattr(scheme, "tolerances", None))
-    if tolerances is None or tolerances.shape != (count,) or not all((tolerances > 0.0).tolist()):
-        raise SchemeError(
-            f"scheme {name} has tolerances {getattr(scheme, 'tolerances', None)}, must have "
-            f"{count} numbers above 0, one for each name"
-        )
-    if type(output.error_drift) is not float or not math.isfinite(output.error_drift):
+    is_usual = _are_float_vectors(*given, count) and are_finite(*given)
+    arrays = given if is_usual else _read_components(name, given, count)
+    tolerances = getattr(scheme, "tolerances", None)
+    if tolerances is not _accepted_tolerances or len(tolerances) != count:
+        _check_tolerances(name, tolerances, count)
+    if type(output.error_drift) is not float or not isfinite(output.error_drift):
         rate = to_float_array(output.error_drift)
         if rate is None or rate.shape not in ((), (count,)) or not np.isfinite(rate).all():
             raise SchemeError(
@@ -97,13 +84,54 @@ def compute(
             f"scheme {name} returned the task {type(output.task).__name__} instead of a Task"
         )
     L = output.L if type(output.L) is np.ndarray else to_float_array(output.L)
-    if not is_controller and L is output.L and all(map(is_, arrays, given)):
+    if not is_controller and L is output.L and arrays is given:
         return output  # the usual case: all arrays were valid and need no conversion
     features, desired, error = arrays
     task = None if is_controller else output.task
     return dataclasses.replace(
         output, features=features, desired=desired, error=error, L=L, task=task
     )
+
+
+def _read_components(
+    name: str, given: tuple[object, ...], count: int
+) -> tuple[np.ndarray, ...]:
+    """Convert the features, desired features and error that a scheme returned to arrays (count,).
+
+    Raises:
+        SchemeError: an array has a wrong shape, or is not finite.
+    """
+    arrays = tuple(to_float_array(values) for values in given)
+    for field, array in zip(COMPONENT_FIELDS, arrays, strict=True):
+        if array is None or array.shape != (count,):
+            shape = "no numbers" if array is None else f"shape {array.shape}"
+            raise SchemeError(
+                f"scheme {name} returned {field} of {shape}, must return one number for each of "
+                f"the {count} names"
+            )
+    for field, array in zip(COMPONENT_FIELDS, arrays, strict=True):
+        if not np.isfinite(array).all():
+            raise SchemeError(
+                f"scheme {name} returned {field} that are not finite: {array.tolist()}"
+            )
+    return arrays
+
+
+def _check_tolerances(name: str, given: object, count: int) -> None:
+    """Check that the tolerances of a scheme are `count` numbers above 0.
+
+    Raises:
+        SchemeError: they are not.
+    """
+    global _accepted_tolerances
+    tolerances = to_float_array(given)
+    if tolerances is None or tolerances.shape != (count,) or not (tolerances > 0.0).all():
+        raise SchemeError(
+            f"scheme {name} has tolerances {given}, must have {count} numbers above 0, one for "
+            "each name"
+        )
+    if type(given) is tuple:  # a list or array can be changed later
+        _accepted_tolerances = given
 
 
 def check_goal(
@@ -137,12 +165,14 @@ def check_measurement(feature: Feature, measurement: object) -> FeatureMeasureme
     names = len(tuple(feature.names))
     if (
         type(measurement) is FeatureMeasurement and measurement.error_summary is None
-        and type(measurement.error_drift) is float and math.isfinite(measurement.error_drift)
+        and type(measurement.error_drift) is float and isfinite(measurement.error_drift)
         and type(measurement.notes) is tuple and type(measurement.ambiguity) is str
     ):  # fmt: skip
-        given = measurement.s, measurement.desired, measurement.error, measurement.L
-        shapes = (names,), (names,), (names,), (names, 6)
-        if all(map(_is_float_array, given, shapes)) and is_measurement_finite(*given):
+        given, L = (measurement.s, measurement.desired, measurement.error), measurement.L
+        if (
+            _are_float_vectors(*given, names) and type(L) is np.ndarray and L.dtype is FLOAT
+            and L.shape == (names, 6) and is_measurement_finite(*given, L)
+        ):  # fmt: skip
             return measurement  # the usual case: all arrays are valid and need no conversion
     where = f"{type(feature).__name__}.measure returned"
     if not isinstance(measurement, FeatureMeasurement):
@@ -172,8 +202,12 @@ def check_measurement(feature: Feature, measurement: object) -> FeatureMeasureme
     return dataclasses.replace(measurement, **arrays)
 
 
-def _is_float_array(value: object, shape: tuple[int, ...]) -> bool:
-    return type(value) is np.ndarray and value.dtype == float and value.shape == shape
+def _are_float_vectors(a: object, b: object, c: object, count: int) -> bool:
+    """Return whether three values are float64 arrays (count,)."""
+    return (
+        type(a) is type(b) is type(c) is np.ndarray and a.dtype is b.dtype is c.dtype is FLOAT
+        and a.shape == b.shape == c.shape == (count,)
+    )  # fmt: skip
 
 
 def check_array(
@@ -185,9 +219,10 @@ def check_array(
         SchemeError: the value is not valid; the message names the class, the method, the value and
             what is needed.
     """
-    if _is_float_array(value, shape):
+    if type(value) is np.ndarray and value.dtype is FLOAT and value.shape == shape:
         flat = value.ravel()
-        if are_finite(flat, flat, flat):
+        # a sum of squares is finite only if all values are finite
+        if isfinite(flat.dot(flat)):
             return value  # the usual case: the value is valid and needs no conversion
     return _read_shaped(f"{type(owner).__name__}.{method} returned", "", value, shape)
 

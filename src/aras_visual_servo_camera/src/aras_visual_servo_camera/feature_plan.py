@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache, lru_cache
 from typing import NamedTuple
 
@@ -124,17 +124,17 @@ def make_plan(names: tuple[str, ...], kind: str) -> FeaturePlan:
 @lru_cache(maxsize=256)
 def compile_plan(
     names: tuple[str, ...], leaves: tuple[str, ...]
-) -> Callable[[list[list[float]], Callable[[str], float]], tuple]:
+) -> Callable[[list[list[float]], Mapping[str, float]], tuple]:
     """Compile the formulas of the features to a function of the centred moments.
 
-    Arguments of the function are mu, with mu_ij at [i][j], and a function that returns the value of
-    any other leaf.
+    Arguments of the function are mu, with mu_ij at [i][j], and the values of all other leaves, by
+    name.
     """
 
     def find_source(leaf: str) -> str:
         moment = parse_moment(leaf)
         is_centred = moment is not None and moment[0] == "mu"
-        return f"mu[{moment[1]}][{moment[2]}]" if is_centred else f"get({leaf!r})"
+        return f"mu[{moment[1]}][{moment[2]}]" if is_centred else f"others[{leaf!r}]"
 
     return compile_formulas(
         names, leaves, lambda name: make_node(name).formula, find_source, {"alpha_full": "alpha"}

@@ -48,13 +48,13 @@ def compile_formulas(
         leaves: names of all leaves; the function does not read those that are unused.
         find_formula: function that returns the formula of a name, or None for a leaf.
         find_source: function that returns the Python source that reads a leaf from the arguments
-            `mu` and `get` of the compiled function.
+            `mu` and `others` of the compiled function.
         same_slope: for some leaves, the name of a formula. The derivatives of this formula are
             used as the derivatives of the leaf.
 
     Returns:
-        Function of `mu` and `get`. It returns the values of the formulas, and for each formula its
-        derivatives with respect to all leaves.
+        Function of `mu` and `others`. It returns the values of the formulas, and for each formula
+        its derivatives with respect to all leaves.
     """
     lines: list[str] = []
     # For each formula and leaf: the variable of the generated source that contains its value; and
@@ -90,7 +90,7 @@ def compile_formulas(
     found = [add(name) for name in names]
     rows = (_format_tuple(slopes.get(n, "0.0") for n in leaves) for _, slopes in found)
     result = f"{_format_tuple(value for value, _ in found)}, {_format_tuple(rows)}"
-    source = "\n    ".join(["def evaluate(mu, get):", *lines, f"return {result}"])
+    source = "\n    ".join(["def evaluate(mu, others):", *lines, f"return {result}"])
     namespace: dict[str, object] = {"sqrt": sqrt, "atan2": atan2, "__builtins__": {}}
     exec(compile(source, f"<formulas {source}>", "exec"), namespace)  # noqa: S102
     return namespace["evaluate"]

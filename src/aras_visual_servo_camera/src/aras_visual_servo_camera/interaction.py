@@ -106,6 +106,22 @@ def point_interaction(points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarr
     return L
 
 
+@jit("f8[:,:], f8, f8, f8, f8[:,::1]")
+def write_plane_point_interaction(points, A, B, C, L):
+    """Write L (2n, 6), the interaction matrix of points (n, 2) on the plane 1/Z = A x + B y + C.
+
+    Return whether all points are in front of the camera.
+    """
+    inverse_depth, in_front = np.empty(len(points)), True
+    for k in range(len(points)):
+        inverse_depth[k] = A * points[k, 0] + B * points[k, 1] + C
+        in_front &= inverse_depth[k] > 0.0
+        for i in range(6):
+            L[2 * k, i] = L[2 * k + 1, i] = 0.0
+    _write_point_interaction(points, inverse_depth, L)
+    return in_front
+
+
 @jit("f8[:,:], f8[:], f8[:,::1]", allocates=False)
 def _write_point_interaction(points, inverse_depth, L):
     """Write the interaction matrix of points (n, 2) into L (2n, 6), which must contain only zeros.
@@ -183,7 +199,7 @@ def compute_centred_interaction(
         rows of mu10 and mu01 are 0.
     """
     order = _find_order(moments, order)
-    return _compute_centred_rows(
+    return compute_centred_rows(
         moments.centred, *plane, moments.xg, moments.yg, order,
         1.0 if moments.kind == DENSE else 0.0,
     )  # fmt: skip
@@ -232,7 +248,7 @@ def _compute_rows(table, velocity, order, delta):
 
 
 @jit("f8[:,:], f8, f8, f8, f8, f8, i8, f8")
-def _compute_centred_rows(centred, A, B, C, xg, yg, order, delta):
+def compute_centred_rows(centred, A, B, C, xg, yg, order, delta):
     """Compute the interaction matrix of the centre of gravity and of the centred moments.
 
     Args:

@@ -30,7 +30,7 @@ from .degeneracy import CHECKS, DEFAULT_TOLERANCE
 from .errors import DegenerateFeatureError, UnavailableFeatureError
 from .feature_formulas import FORMULAS
 from .feature_plan import CENTRED, FeaturePlan, compile_plan, make_node, make_plan, parse_moment
-from .interaction import Plane, compute_centred_interaction, compute_raw_interaction
+from .interaction import Plane, compute_centred_rows, compute_raw_interaction
 from .moments import DENSE, Moments
 from .polygons import Array
 from .target_orientation import TargetOrientation, full_alpha
@@ -182,7 +182,10 @@ def _make_plane(moments: Moments, reference: Reference | None) -> Plane:
 
 def _compute_leaf_rows(moments: Moments, plane: Plane, plan: FeaturePlan) -> Array:
     """Compute the interaction matrix (n, 6) of the n quantities in plan.leaves, in their order."""
-    rows = compute_centred_interaction(moments, plane, plan.centred_order)
+    rows = compute_centred_rows(
+        moments.centred, *plane, moments.xg, moments.yg, plan.centred_order,
+        1.0 if moments.kind == DENSE else 0.0,
+    )  # fmt: skip
     if plan.raw_order > 0:
         rows = np.vstack([rows, compute_raw_interaction(moments, plane, plan.raw_order)])
     if moments.kind != DENSE and "a" in plan.leaves:
@@ -190,8 +193,12 @@ def _compute_leaf_rows(moments: Moments, plane: Plane, plan: FeaturePlan) -> Arr
     return rows.take(plan.row_indices, axis=0)
 
 
-class _View:
-    """Values of features in one view, and their derivatives with respect to the moments."""
+class _View(dict[str, float]):
+    """Values of features in one view, and their derivatives with respect to the moments.
+
+    The mapping contains the quantities without formula, except the centred moments. Those that are
+    rarely needed are computed at their first use.
+    """
 
     def __init__(
         self, moments: Moments, plane: Plane, reference: Reference | None, tolerance: float
@@ -201,9 +208,9 @@ class _View:
         self.reference = reference
         self.tolerance = tolerance
         self._mu = moments.centred.tolist()
-        self._leaves = {"a": moments.area, "xg": moments.xg, "yg": moments.yg}
+        self["a"], self["xg"], self["yg"] = moments.area, moments.xg, moments.yg
         if reference is not None:
-            self._leaves |= {"a_star": reference.area, "Z_star": reference.depth}
+            self["a_star"], self["Z_star"] = reference.area, reference.depth
 
     def evaluate_defined(
         self, names: tuple[str, ...], plan: FeaturePlan
@@ -230,17 +237,17 @@ class _View:
                 degenerate[name] = reason
         defined = tuple(n for n in names if n not in degenerate) if degenerate else names
         try:
-            values, rows = self._evaluate(defined, plan.leaves)
+            values, rows = compile_plan(defined, plan.leaves)(self._mu, self)
         except ZeroDivisionError:
             for name in defined:
                 try:
-                    self._evaluate((name,), plan.leaves)
+                    compile_plan((name,), plan.leaves)(self._mu, self)
                 except ZeroDivisionError:
                     degenerate[name] = (
                         f"'{name}' divides by zero for this shape; use another feature"
                     )
             defined = tuple(n for n in names if n not in degenerate)
-            values, rows = self._evaluate(defined, plan.leaves)
+            values, rows = compile_plan(defined, plan.leaves)(self._mu, self)
         if degenerate:
             zeros, remaining = (0.0, (0.0,) * len(plan.leaves)), zip(values, rows, strict=True)
             results = [zeros if name in degenerate else next(remaining) for name in names]
@@ -263,23 +270,12 @@ class _View:
             )
         return None
 
-    def _evaluate(
-        self, names: tuple[str, ...], leaves: tuple[str, ...]
-    ) -> tuple[tuple[float, ...], tuple[tuple[float, ...], ...]]:
-        """Return the values of the features, and their derivatives with respect to `leaves`.
-
-        Raises:
-            ZeroDivisionError: a feature divides by zero.
-        """
-        return compile_plan(names, leaves)(self._mu, self._get_leaf)
-
     def _compute_value(self, name: str) -> float:
-        return self._evaluate((name,), tuple(sorted(make_node(name).leaves)))[0][0]
+        leaves = tuple(sorted(make_node(name).leaves))
+        return compile_plan((name,), leaves)(self._mu, self)[0][0]
 
-    def _get_leaf(self, name: str) -> float:
-        """Return the value of a quantity without formula, except that of a centred moment."""
-        if name in self._leaves:
-            return self._leaves[name]
+    def __missing__(self, name: str) -> float:
+        """Return the value of a raw moment, or of alpha_full."""
         if moment := parse_moment(name):
             return self.moments.m(*moment[1:])
         orientation = self._get_reference(name).orientation

@@ -126,18 +126,34 @@ def sum_samples(x, y, weight, table):
     return total, x0, y0
 
 
-@jit("f8[:,:], f8, f8, i8")
-def integrate_polygon(vertices, x0, y0, order):
-    """Integrate x^i y^j over a polygon (n, 2), relative to the point (x0, y0).
+@jit("f8[:,:], f8[::1], f8[:,::1]")
+def integrate_polygon(vertices, origin, table):
+    """Integrate x^i y^j over a polygon (n, 2), relative to the origin (2,).
+
+    Args:
+        vertices: (n, 2) vertices of the polygon.
+        origin: (2,) point; if it is NaN, the mean of the vertices is written into it.
+        table: (order+1, order+1) output, the moments with a positive area.
 
     Returns:
-        The moments (order+1, order+1) with a positive area; whether the area is zero; the indices
-        of the first two edges that cross, or -1 twice.
+        Whether all coordinates are finite; whether the area is zero; the indices of the first two
+        edges that cross, or -1 twice.
     """
-    table, count = np.zeros((order + 1, order + 1)), len(vertices)
+    order, count = len(table) - 1, len(vertices)
+    sum_x = sum_y = 0.0
+    for k in range(count):
+        sum_x, sum_y = sum_x + vertices[k, 0], sum_y + vertices[k, 1]
+        if not (abs(vertices[k, 0]) < np.inf and abs(vertices[k, 1]) < np.inf):
+            return False, False, -1, -1
+    if np.isnan(origin[0]):
+        origin[0], origin[1] = sum_x / count, sum_y / count
     first, second = find_crossing_edges(vertices)
     if first >= 0:
-        return table, False, first, second
+        return True, False, first, second
+    x0, y0 = origin[0], origin[1]
+    for i in range(order + 1):
+        for j in range(order + 1):
+            table[i, j] = 0.0
     extent, power_x, power_y = 0.0, np.empty(order + 1), np.empty(order + 1)
     for k in range(count):
         after = k + 1 if k < count - 1 else 0
@@ -157,7 +173,7 @@ def integrate_polygon(vertices, x0, y0, order):
     for i in range(order + 1):
         for j in range(order + 1 - i):
             table[i, j] *= sign / (i + j + 2.0)
-    return table, table[0, 0] <= 1e-14 * extent**2, -1, -1
+    return True, table[0, 0] <= 1e-14 * extent**2, -1, -1
 
 
 @jit("f8[:,:], f8, f8")
@@ -194,7 +210,7 @@ def centre_moments(table, centred):
             written.
 
     Returns:
-        m00; x and y of the centre of gravity.
+        m00; x and y of the centre of gravity; mu20, mu11 and mu02, which are 0 if the order is 1.
     """
     m00 = table[0, 0]
     dx, dy = table[1, 0] / m00, table[0, 1] / m00
@@ -204,4 +220,6 @@ def centre_moments(table, centred):
         for j in range(size):
             centred[i, j] = moved[i, j] if i + j < size else 0.0
     centred[1, 0] = centred[0, 1] = 0.0
-    return m00, dx, dy
+    if size < 3:
+        return m00, dx, dy, 0.0, 0.0, 0.0
+    return m00, dx, dy, centred[2, 0], centred[1, 1], centred[0, 2]

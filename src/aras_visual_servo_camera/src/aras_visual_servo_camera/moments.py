@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
-from math import isfinite
+from math import isfinite, nan
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -199,19 +199,18 @@ class Moments:
                 that cross, no area, or a coordinate that is not finite.
         """
         _check_computable(order)
-        outline = _check_vertices(vertices, "polygon")
-        x0, y0 = (outline.sum(axis=0) / len(outline)).tolist()
-        table = _compute_polygon_moments(outline, x0, y0, order, "polygon")
+        origin = np.array((nan, nan))
+        table = _integrate_polygon(vertices, origin, order, "polygon")
         for number, hole in enumerate(holes):
-            label = f"hole {number}"
-            outline = _check_vertices(hole, label)
-            table = table - _compute_polygon_moments(outline, x0, y0, order, label)
-        return cls._from_table(table, x0, y0, order, DENSE)
+            table -= _integrate_polygon(hole, origin, order, f"hole {number}")
+        return cls._from_table(table, *origin.tolist(), order, DENSE)
 
     @classmethod
     def from_points(cls, points: ArrayLike, order: int = MAX_ORDER) -> Moments:
         """Compute the moments of at least three normalised points (n, 2) with the weight one."""
-        points = _check_vertices(points, "set of points")
+        points = _read_vertices(points, "set of points")
+        if not np.isfinite(points).all():
+            raise MomentsError("the set of points has a coordinate that is not finite")
         return cls.from_samples(points[:, 0], points[:, 1], np.ones(len(points)), order, POINTS)
 
     @classmethod
@@ -300,10 +299,14 @@ class Moments:
     def _from_table(cls, table: Array, x0: float, y0: float, order: int, kind: str) -> Moments:
         """Return Moments from an array (order+1, order+1) of moments about the point (x0, y0)."""
         centred = np.empty(table.shape)
-        m00, dx, dy = centre_moments(table, centred)
+        m00, dx, dy, *second = centre_moments(table, centred)
         if not (m00 > 0.0 and isfinite(m00)):
             raise MomentsError(f"m00 = {m00:g} must be positive: the shape is empty")
-        return cls(order, kind, m00, x0 + dx, y0 + dy, _freeze(centred))
+        centred.setflags(write=False)
+        moments = cls(order, kind, m00, x0 + dx, y0 + dy, centred)
+        if order > 1:
+            moments.__dict__["second"] = tuple(second)
+        return moments
 
 
 def _freeze(array: Array) -> Array:
@@ -368,26 +371,27 @@ def _check_computable(order: int) -> None:
         raise MomentsError(f"the order is {order}, must be 1 to {MAX_ORDER}")
 
 
-def _check_vertices(points: ArrayLike, label: str) -> Array:
+def _read_vertices(points: ArrayLike, label: str) -> Array:
     points = np.asarray(points, dtype=float)
     if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3:
         raise MomentsError(
             f"the {label} needs at least three points (x, y), got an array of shape {points.shape}"
         )
-    if not all(np.isfinite(points.ravel()).tolist()):
-        raise MomentsError(f"the {label} has a coordinate that is not finite")
     return points
 
 
-def _compute_polygon_moments(
-    vertices: Array, x0: float, y0: float, order: int, label: str
-) -> Array:
-    """Compute the moments (order+1, order+1) of a polygon (n, 2) about the point (x0, y0).
+def _integrate_polygon(vertices: ArrayLike, origin: Array, order: int, label: str) -> Array:
+    """Compute the moments (order+1, order+1) of a polygon (n, 2) about an origin (2,).
 
-    The sign of the moments is such that the area is positive. `label` names the polygon in
-    messages.
+    If the origin is NaN, the mean of the vertices is written into it. The sign of the moments is
+    such that the area is positive. `label` names the polygon in messages.
     """
-    table, is_empty, first, second = integrate_polygon(vertices, x0, y0, order)
+    table = np.empty((order + 1, order + 1))
+    is_finite, is_empty, first, second = integrate_polygon(
+        _read_vertices(vertices, label), origin, table
+    )
+    if not is_finite:
+        raise MomentsError(f"the {label} has a coordinate that is not finite")
     if first >= 0:
         raise MomentsError(
             f"edges {first} and {second} of the {label} cross: sort its vertices so that the "

@@ -22,7 +22,11 @@ import numpy as np
 from aras_visual_servo_base.compiled import jit
 from aras_visual_servo_camera.contour import match_corners
 from aras_visual_servo_camera.errors import VisionError
-from aras_visual_servo_camera.interaction import Plane, point_interaction
+from aras_visual_servo_camera.interaction import (
+    Plane,
+    point_interaction,
+    write_plane_point_interaction,
+)
 from aras_visual_servo_camera.intersection_accuracy import compute_rms_deviation
 
 from ..errors import POINT_BEHIND_CAMERA, ConfigurationError, MeasurementError
@@ -118,10 +122,11 @@ class PointFeature(Feature):
         """Measure s, s*, the error and L in one image."""
         desired = self.read_desired_points(goal)
         points, ambiguity = self._match(observation, desired)
-        inverse_depth = compute_inverse_depth(get_plane(observation), points)
+        plane, L = observation.plane or get_plane(observation), np.empty((points.size, 6))
+        if not write_plane_point_interaction(points, *plane, L):
+            raise MeasurementError(POINT_BEHIND_CAMERA)
         s, goal_s = points.ravel(), desired.ravel()
-        return FeatureMeasurement(s, goal_s, s - goal_s, point_interaction(points, inverse_depth),
-                        ambiguity=ambiguity)  # fmt: skip
+        return FeatureMeasurement(s, goal_s, s - goal_s, L, ambiguity=ambiguity)
 
     def desired_interaction(self, goal: Goal) -> np.ndarray:
         """Return the interaction matrix L (k, 6) at the goal."""

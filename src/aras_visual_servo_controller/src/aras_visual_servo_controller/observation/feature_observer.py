@@ -70,10 +70,13 @@ def observe(
             target.kernel, target.pixel_count, target.touched_borders,
         )  # fmt: skip
     outline, points = frame.outline, frame.points
+    # the normalised points are new arrays; read-only ones are not copied
     if outline is not None:
         outline = normalise_pixels(outline, frame.camera, camera, is_closed=True)
+        outline.setflags(write=False)
     if points is not None:
         points = normalise_pixels(points, frame.camera, camera)
+        points.setflags(write=False)
     return observer.observe_exact_features(
         frame.stamp, camera, joints, world_T_camera, outline, points, commands, plane,
         frame.jitter / camera.K[0],
@@ -160,11 +163,10 @@ class FeatureObserver:
             world_T_camera: (4, 4) pose of the camera, if it is known more accurately than from the
                 joints.
         """
-        valid, reason, plane, fields = self.images.read(
-            image, camera, self._find_pose(joints, world_T_camera), depth, plane
-        )
+        pose = self._find_pose(joints, world_T_camera)
+        valid, reason, plane, fields = self.images.read(image, camera, pose, depth, plane)
         return self._make_observation(
-            stamp, valid, reason, camera, joints, world_T_camera, commands, plane=plane, **fields
+            stamp, valid, reason, camera, joints, world_T_camera, commands, pose, plane, **fields
         )
 
     def observe_moments(
@@ -217,13 +219,18 @@ class FeatureObserver:
         """
         valid, reason, moments, corners = True, "", None, None
         if contour is not None:
-            contour = corners = make_read_only_copy(contour)
+            contour = np.asarray(contour, float)
+            if contour.flags.writeable:
+                contour = make_read_only_copy(contour)
+            corners = contour
             try:
                 moments = Moments.from_polygon(contour)
             except VisionError as error:
                 valid, reason = False, str(error)
         if points is not None:
-            corners = make_read_only_copy(points)
+            corners = np.asarray(points, float)
+            if corners.flags.writeable:
+                corners = make_read_only_copy(corners)
         if contour is None and points is None:
             valid, reason = False, "the target is not in view"
         elif not (
@@ -258,12 +265,14 @@ class FeatureObserver:
         joints: JointSample | None,
         world_T_camera: np.ndarray | None,
         commands: Sequence[JointSample],
+        pose: np.ndarray | None = None,
         plane: Plane | None = None,
         depth: np.ndarray | None = None,
         **fields: object,
     ) -> Observation:
         stamp = float(stamp)
-        pose = self._find_pose(joints, world_T_camera)
+        if pose is None:
+            pose = self._find_pose(joints, world_T_camera)
         if pose is not None:
             # np.asarray makes no copy, so the pose can be the arm's own array, which is read-only
             pose = np.asarray(pose, float)

@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from operator import sub
-from statistics import median
 
 import numpy as np
 
@@ -31,7 +30,11 @@ ROUNDING = 1e-6
 
 
 class SampleBuffer:
-    """The latest joint samples or joint commands, as arrays in the order of arrival."""
+    """The latest joint samples or joint commands, as arrays in the order of arrival.
+
+    Attributes:
+        newest_stamp: stamp of the latest sample, s; None if there is none.
+    """
 
     def __init__(self, length: int = 64) -> None:
         """Create the buffer.
@@ -43,10 +46,11 @@ class SampleBuffer:
         self._stamps: deque[float] = deque(maxlen=length)
         # each row (2, n): positions, velocities
         self._rows: deque[np.ndarray] = deque(maxlen=length)
+        self.newest_stamp: float | None = None
 
     def append(self, sample: JointSample) -> None:
         """Append one sample."""
-        self._names = sample.names
+        self._names, self.newest_stamp = sample.names, sample.stamp
         self._stamps.append(sample.stamp)
         self._rows.append(np.array((sample.positions, sample.velocities)))
 
@@ -55,10 +59,10 @@ class SampleBuffer:
 
         Args:
             names: names of the n joints.
-            stamps: (m,) times of the samples, s, in ascending order.
+            stamps: (m,) times of the samples, s, in ascending order; m > 0.
             rows: (m, 2, n) positions and velocities.
         """
-        self._names = names
+        self._names, self.newest_stamp = names, stamps[-1]
         self._stamps.extend(stamps)
         self._rows.extend(rows)
 
@@ -66,18 +70,16 @@ class SampleBuffer:
         """Remove all samples, for example after a reset of the clock."""
         self._stamps.clear()
         self._rows.clear()
+        self.newest_stamp = None
 
     def since(self, stamp: float) -> tuple[JointSample, ...]:
         """Return the samples from `stamp` (s) on."""
+        if self.newest_stamp is None or self.newest_stamp < stamp:
+            return ()
         first = len(self._stamps)
         while first and self._stamps[first - 1] >= stamp:
             first -= 1
         return tuple(self._make_sample(k) for k in range(first, len(self._stamps)))
-
-    @property
-    def newest_stamp(self) -> float | None:
-        """Return the stamp of the latest sample, s; None if there is none."""
-        return self._stamps[-1] if self._stamps else None
 
     @property
     def newest_row(self) -> np.ndarray:
@@ -167,7 +169,9 @@ class JointHistory(SampleBuffer):
     def _estimate_period(self) -> float:
         """Return the median period of the latest samples, s; needs at least two samples."""
         latest = list(self._stamps)[-MEDIAN_PERIODS - 1 :]
-        return median(map(sub, latest[1:], latest))
+        periods = sorted(map(sub, latest[1:], latest))
+        half = len(periods) // 2
+        return periods[half] if len(periods) % 2 else 0.5 * (periods[half - 1] + periods[half])
 
 
 def _make_joint_sample(

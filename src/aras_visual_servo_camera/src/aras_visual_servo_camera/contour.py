@@ -79,7 +79,9 @@ def extract_outline(grey: NDArray[np.uint8], target: SegmentedTarget, camera: Ca
             "the target extends beyond the range of the lens model; move it towards the middle of "
             "the image"
         )
-    return np.stack([x, y], axis=1)
+    outline = np.empty((count, 2))
+    outline[:, 0], outline[:, 1] = x, y
+    return outline
 
 
 def find_corners(outline: Array, max_bend: float = MAX_BEND) -> Array:

@@ -11,6 +11,7 @@ their errors are correlated. Acute corners and corners of short sides have the l
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -131,4 +132,4 @@ def compute_rms_deviation(spread: Array) -> float:
 
     spread: (2n, m) array S, where S S^T is the covariance of the coordinates.
     """
-    return float(np.sqrt((spread**2).sum() / len(spread)))
+    return sqrt(np.add.reduce(spread**2, axis=None) / len(spread))

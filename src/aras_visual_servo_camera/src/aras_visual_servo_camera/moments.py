@@ -386,10 +386,8 @@ def _integrate_polygon(vertices: ArrayLike, origin: Array, order: int, label: st
     If the origin is NaN, the mean of the vertices is written into it. The sign of the moments is
     such that the area is positive. `label` names the polygon in messages.
     """
-    table = np.empty((order + 1, order + 1))
-    is_finite, is_empty, first, second = integrate_polygon(
-        _read_vertices(vertices, label), origin, table
-    )
+    table, vertices = np.empty((order + 1, order + 1)), _read_vertices(vertices, label)
+    is_finite, is_empty, first, second = integrate_polygon(vertices, origin, table)
     if not is_finite:
         raise MomentsError(f"the {label} has a coordinate that is not finite")
     if first >= 0:

@@ -6,13 +6,15 @@ The motion between two measurements is computed in a single step, without numeri
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from math import isfinite
+from operator import attrgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from aras_visual_servo_base.compiled import jit
 from aras_visual_servo_controller.kinematics import Arm
-from aras_visual_servo_controller.kinematics.algebra import are_finite, solve_linear
+from aras_visual_servo_controller.kinematics.algebra import solve_linear
 from aras_visual_servo_controller.kinematics.chain import CHAIN_SIGNATURE, compute_pose_and_jacobian
 from aras_visual_servo_controller.kinematics.free_body_kinematics import move_freely
 from aras_visual_servo_controller.observation.frame import NANOSECONDS
@@ -44,6 +46,7 @@ CHAIN = f"Tuple(({CHAIN_SIGNATURE}))"
 # Time from the start of each joint state period to the stamp of its joint state, ns; equal to that
 # of the plant 'bullet'.
 JOINT_PHASE_NS = 1_000_000
+READ_DUE_NS = attrgetter("due_ns")
 
 
 class KinematicPlant(Plant):
@@ -81,11 +84,12 @@ class KinematicPlant(Plant):
             imaging.name,
             collect_vibrations(imaging, *other_imaging),
         )
-        self._image_ns = min(exposure.due_ns for exposure in self._exposures)
+        self._image_ns = min(map(READ_DUE_NS, self._exposures))
         self._pose: np.ndarray | None = None  # current rest pose; None until it is computed
         self._lag = lag
         self.time_ns = 0
         self._chain, still = tuple(arm.chain), np.zeros(len(q))
+        self._jacobian = np.empty((6, len(q)))  # working memory
         self._state = np.array([q, still, q, arm.lower, arm.upper, still, still], float)
         self._has_velocity_commands = False
         self._joint_period = NANOSECONDS / joint_rate
@@ -116,7 +120,8 @@ class KinematicPlant(Plant):
         self.time_ns = max(time_ns, self.time_ns)
         readings: list[Reading] = []
         if joints_ns == time_ns:
-            self._count_samples(1)
+            self._samples += 1
+            self._joints_ns = JOINT_PHASE_NS + round(self._samples * self._joint_period)
             q, speed = self.read_joints()
             readings.append(JointReading(time_ns, self.joint_names, q.tolist(), speed.tolist()))
         if self._image_ns == time_ns:
@@ -126,7 +131,7 @@ class KinematicPlant(Plant):
                     and (frame := exposure.expose(self.read_rest_pose())) is not None
                 ):
                     readings.append(frame)
-            self._image_ns = min([exposure.due_ns for exposure in self._exposures])
+            self._image_ns = min(map(READ_DUE_NS, self._exposures))
         return readings
 
     def command(self, kind: str, values: Sequence[float]) -> None:
@@ -136,7 +141,8 @@ class KinematicPlant(Plant):
             raise ExperimentError(
                 f"this plant accepts {' or '.join(sorted(self.outputs))} commands, not {kind}"
             )
-        if values.shape != self._state[Q].shape or not are_finite(values, values, values):
+        # a sum of squares is finite only if all values are finite
+        if values.shape != self._state[Q].shape or not isfinite(values.dot(values)):
             raise ExperimentError(
                 f"a command must be {len(self.joint_names)} finite numbers, got {values}"
             )
@@ -145,7 +151,8 @@ class KinematicPlant(Plant):
     def read_rest_pose(self) -> np.ndarray:
         """Return world_T_camera (4, 4) of the control camera, without vibration."""
         if self._pose is None:
-            self._pose = self.arm.pose(self._state[Q])
+            self._pose = np.empty((4, 4))
+            compute_pose_and_jacobian(*self._chain, self._state[Q], self._pose, self._jacobian)
         return self._pose.copy()
 
     def compute_rest_poses(self, positions: np.ndarray) -> np.ndarray:
@@ -177,11 +184,6 @@ class KinematicPlant(Plant):
             convert_to_motion(self._chain, state, values, state[MOTION_COMMAND])
         self._has_velocity_commands = kind == "velocity"
 
-    def _count_samples(self, count: int) -> None:
-        """Count `count` more measured joint states, and compute the stamp of the next one."""
-        self._samples += count
-        self._joints_ns = JOINT_PHASE_NS + round(self._samples * self._joint_period)
-
     def _update_loop(self, until_ns: int) -> None:
         """Advance from joint state to joint state up to `until_ns`, and update the loop with each.
         """
@@ -191,11 +193,11 @@ class KinematicPlant(Plant):
             return
         most = int((end_ns - self._joints_ns) / self._joint_period) + 2
         stamps, samples = np.empty(most), np.empty((most, 3, len(self.joint_names)))
-        count, self.time_ns = update_loop(
+        count, self.time_ns, self._joints_ns = update_loop(
             self._samples, self._joint_period, end_ns, self.time_ns, self._lag,
             self._has_velocity_commands, self._chain, self._state, stamps, samples, loop,
         )
-        self._count_samples(count)
+        self._samples += count
         stamps, samples = stamps[:count].tolist(), samples[:count]
         self._updates.apply_results(stamps, samples)
         self._listener.on_updates(stamps, samples)
@@ -313,14 +315,14 @@ def update_loop(
         loop: see `process_joint_state`.
 
     Returns:
-        The number of joint states that the loop has processed, and the time of the last joint state
-        that the plant has reached, ns.
+        The number of joint states that the loop has processed; the time of the last joint state
+        that the plant has reached, ns; the time of the next one that has to be processed, ns.
     """
     count = 0
     while True:
         joints_ns = JOINT_PHASE_NS + int(np.rint((number + count) * period))
         if joints_ns > end_ns:
-            return count, time_ns
+            return count, time_ns, joints_ns
         dt = (joints_ns - time_ns) / NANOSECONDS
         if dt > 0.0 and has_velocity_commands:
             follow_velocity(plant_chain, state, lag, dt)
@@ -332,7 +334,7 @@ def update_loop(
             sample[0, i], sample[1, i] = state[Q, i], state[V, i]
         result = process_joint_state(sample[0], sample[1], stamps[count], loop)
         if result == NEEDS_PYTHON:
-            return count, time_ns
+            return count, time_ns, joints_ns
         for i in range(state.shape[1]):
             sample[2, i] = loop[LOOP_ROWS][SENT_VALUES, i]
         if has_velocity_commands:

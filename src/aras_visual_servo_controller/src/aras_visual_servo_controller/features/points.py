@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from math import hypot, sqrt
+from math import hypot, isfinite, sqrt
 from typing import Any, ClassVar
 
 import numpy as np
@@ -190,7 +190,9 @@ class PointFeature(Feature):
                 finite.
         """
         points = np.asarray(self.points(observation), float)
-        if not all(np.isfinite(points.ravel()).tolist()):
+        flat = points.ravel()
+        # a sum of squares is finite only if all values are finite
+        if not (isfinite(flat.dot(flat)) or np.isfinite(flat).all()):
             raise MeasurementError("the feature returned a point that is not finite; correct the "
                                    "feature")
         if points.shape == desired.shape:
@@ -311,9 +313,10 @@ def estimate_corner_accuracy(
         points, desired: (n, 2) points of image and goal, in the same order, normalised.
     """
     accuracy = observation.corner_accuracy
-    if goal.camera != observation.camera:
+    if not (goal.camera is observation.camera or goal.camera == observation.camera):
         return accuracy * np.eye(points.size)
-    away, fx = float(np.mean((points - desired) ** 2)), observation.camera.K[0]
+    squares, fx = (points - desired) ** 2, observation.camera.K[0]
+    away = float(np.add.reduce(squares, axis=None)) / squares.size
     spread = _spread(observation, points)
     if spread is None:
         common = SHARED_PIXEL_ERROR / fx + SHARED_DISTANCE_ERROR * sqrt(away)

@@ -130,6 +130,46 @@ def solve_least_squares(L, e, tolerance):
     return multiply_vector(vt.T, parts)
 
 
+@jit("f8[:,:], f8[:], f8, f8[:], f8[::1]")
+def solve_scaled(L, e, tolerance, scale, solution):
+    """Write the product of `scale` (n,) and the result of `solve_least_squares` into `solution`."""
+    found = solve_least_squares(L, e, tolerance)
+    for i in range(len(found)):
+        solution[i] = scale[i] * found[i]
+
+
+@jit("f8[:,:], b1[:], f8, f8, f8[:,:], f8, f8[::1]")
+def compute_uncertainty(L, modelled, depth, accuracy, accuracy_columns, tolerance, uncertainty):
+    """Compute `Task.uncertainty` (r,), for the r singular directions of a task.
+
+    Args:
+        L, modelled, depth: attributes of the task.
+        accuracy, accuracy_columns: attribute `accuracy` of the task: a number and an array (k, 0),
+            or any number and an array (k, m) with m > 0.
+        tolerance: attribute `rank_tolerance` of the task.
+        uncertainty: (r,) output.
+    """
+    k, n = len(L), 0
+    columns = np.empty((k, 6))
+    for j in range(6):
+        if modelled[j]:
+            for i in range(k):
+                columns[i, n] = L[i, j] * (depth if j < 3 else 1.0)
+            n += 1
+    u, s, _ = svd(columns[:, :n])
+    for i in range(len(s)):
+        noise = accuracy
+        if accuracy_columns.shape[1] > 0:
+            square = 0.0
+            for j in range(accuracy_columns.shape[1]):
+                total = 0.0
+                for row in range(k):
+                    total += u[row, i] * accuracy_columns[row, j]
+                square += total * total
+            noise = np.sqrt(square)
+        uncertainty[i] = noise / s[i] if s[i] > tolerance * s[0] else np.inf
+
+
 @jit("f8[:,:], b1[:], f8, f8")
 def is_well_conditioned(L, modelled, distance, ratio):
     """Return whether the smallest singular value of L is above `ratio` times the largest one.

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from ..errors import InvalidTaskError
 from .algebra import (
     ROUNDING_TOLERANCE,
+    compute_uncertainty,
     is_task_finite,
     reduce_equations,
     solve_least_squares,
@@ -84,7 +85,8 @@ class Task:
         if type(accuracy) is not float or not isfinite(accuracy):
             accuracy = _read_array(accuracy)
             fits = accuracy.ndim == 0 or accuracy.ndim == 2 and len(accuracy) == len(L)
-            if not fits or not np.isfinite(accuracy).all():
+            flat = accuracy.ravel()
+            if not (fits and (isfinite(flat.dot(flat)) or np.isfinite(flat).all())):
                 raise InvalidTaskError(
                     f"accuracy must be finite, and one number or of shape ({len(L)}, m), got shape "
                     f"{accuracy.shape}"
@@ -182,12 +184,13 @@ class Task:
         translations, as a fraction of `depth`; for rotations, in rad. It is inf for a direction
         that no feature measures.
         """
-        u, s, _ = self._svd
-        is_measurable = s > self.rank_tolerance * s[0]
-        noise = np.full(len(s), float(self.accuracy)) if np.ndim(self.accuracy) == 0 else (
-            np.linalg.norm(u.T @ self.accuracy, axis=1)
+        is_number = np.ndim(self.accuracy) == 0
+        uncertainty = np.empty(min(len(self.L), np.count_nonzero(self.modelled)))
+        compute_uncertainty(
+            self.L, self.modelled, self.depth, float(self.accuracy) if is_number else 0.0,
+            NO_COLUMNS if is_number else self.accuracy, self.rank_tolerance, uncertainty,
         )  # fmt: skip
-        return np.divide(noise, s, out=np.full(len(s), np.inf), where=is_measurable)
+        return uncertainty
 
     @property
     def rank(self) -> int:
@@ -202,10 +205,9 @@ class Task:
         """
         if self.is_exact:
             return self
-        is_certain = self.uncertainty <= MAX_UNCERTAINTY
-        if is_certain.all():
+        if max(self.uncertainty.tolist(), default=0.0) <= MAX_UNCERTAINTY:
             return self
-        u = self._svd[0][:, is_certain].T
+        u = self._svd[0][:, self.uncertainty <= MAX_UNCERTAINTY].T
         if not len(u):
             return Task(np.zeros((1, 6)), np.zeros(1), self.modelled, self.depth)
         return Task(u @ self.L, u @ self.desired_rate, self.modelled, self.depth)

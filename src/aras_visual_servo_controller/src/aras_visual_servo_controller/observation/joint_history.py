@@ -34,6 +34,7 @@ class SampleBuffer:
 
     Attributes:
         newest_stamp: stamp of the latest sample, s; None if there is none.
+        newest_row: positions and velocities (2, n) of the latest sample.
     """
 
     def __init__(self, length: int = 64) -> None:
@@ -47,12 +48,14 @@ class SampleBuffer:
         # each row (2, n): positions, velocities
         self._rows: deque[np.ndarray] = deque(maxlen=length)
         self.newest_stamp: float | None = None
+        self.newest_row: np.ndarray | None = None
 
     def append(self, sample: JointSample) -> None:
         """Append one sample."""
         self._names, self.newest_stamp = sample.names, sample.stamp
         self._stamps.append(sample.stamp)
-        self._rows.append(np.array((sample.positions, sample.velocities)))
+        self.newest_row = np.array((sample.positions, sample.velocities))
+        self._rows.append(self.newest_row)
 
     def extend(self, names: tuple[str, ...], stamps: Sequence[float], rows: np.ndarray) -> None:
         """Append m samples.
@@ -65,12 +68,13 @@ class SampleBuffer:
         self._names, self.newest_stamp = names, stamps[-1]
         self._stamps.extend(stamps)
         self._rows.extend(rows)
+        self.newest_row = rows[-1]
 
     def clear(self) -> None:
         """Remove all samples, for example after a reset of the clock."""
         self._stamps.clear()
         self._rows.clear()
-        self.newest_stamp = None
+        self.newest_stamp = self.newest_row = None
 
     def since(self, stamp: float) -> tuple[JointSample, ...]:
         """Return the samples from `stamp` (s) on."""
@@ -80,11 +84,6 @@ class SampleBuffer:
         while first and self._stamps[first - 1] >= stamp:
             first -= 1
         return tuple(self._make_sample(k) for k in range(first, len(self._stamps)))
-
-    @property
-    def newest_row(self) -> np.ndarray:
-        """Return positions and velocities (2, n) of the latest sample, which must exist."""
-        return self._rows[-1]
 
     @property
     def newest(self) -> JointSample | None:

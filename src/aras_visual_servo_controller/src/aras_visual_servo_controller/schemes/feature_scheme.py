@@ -12,7 +12,7 @@ from aras_visual_servo_base.names import describe_unknown
 from ..errors import ConfigurationError, MeasurementError
 from ..features.base import Feature, FeatureMeasurement, Stack, scale_tolerances
 from ..goals.goal import Goal
-from ..kinematics.algebra import ROUNDING_TOLERANCE, is_well_conditioned, solve_least_squares
+from ..kinematics.algebra import ROUNDING_TOLERANCE, is_well_conditioned, solve_scaled
 from ..kinematics.task import Task
 from ..laws import Law
 from ..observation.observation import SEGMENTED, Need, Observation
@@ -201,9 +201,9 @@ class FeatureScheme(FeatureSchemeBase):
 
     def compute(self, observation: Observation, goal: Goal, t: float) -> SchemeOutput:
         """Compute the features of an image and the camera task."""
-        measured = self.check_measurement(
-            self.feature.measure(self.require_visible(observation), goal)
-        )
+        if observation.other_cameras or not observation.valid:
+            self.require_visible(observation)
+        measured = self.check_measurement(self.feature.measure(observation, goal))
         L = measured.L
         if self.interaction != "current":
             L = self._choose_interaction(observation, measured, goal)
@@ -217,7 +217,8 @@ class FeatureScheme(FeatureSchemeBase):
             A, b = weights[:, None] * A, weights * b
         if len(A) > 64:  # the normal equations are faster if L has many rows
             A, b = A.T @ A, A.T @ b
-        camera_error = scale * solve_least_squares(A, b, ROUNDING_TOLERANCE)
+        camera_error = np.empty(6)
+        solve_scaled(A, b, ROUNDING_TOLERANCE, scale, camera_error)
         desired_rate = self.law.desired_error_rate(
             filtered, modelled, camera_error, t, observation.dt
         )

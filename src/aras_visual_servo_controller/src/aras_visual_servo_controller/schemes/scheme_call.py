@@ -14,7 +14,6 @@ from aras_visual_servo_base.names import format_error
 from ..errors import ConfigurationError, SchemeError
 from ..features.base import Feature, FeatureMeasurement
 from ..goals.goal import Goal
-from ..kinematics.algebra import are_finite, is_measurement_finite
 from ..kinematics.task import Task
 from ..observation.observation import Observation
 from .base import JointController, Scheme, SchemeOutput
@@ -67,7 +66,7 @@ def compute(
         )
     count = len(tuple(output.names))
     given = output.features, output.desired, output.error
-    is_usual = _are_float_vectors(*given, count) and are_finite(*given)
+    is_usual = _are_finite_vectors(*given, count)
     arrays = given if is_usual else _read_components(name, given, count)
     tolerances = getattr(scheme, "tolerances", None)
     if tolerances is not _accepted_tolerances or len(tolerances) != count:
@@ -168,12 +167,14 @@ def check_measurement(feature: Feature, measurement: object) -> FeatureMeasureme
         and type(measurement.error_drift) is float and isfinite(measurement.error_drift)
         and type(measurement.notes) is tuple and type(measurement.ambiguity) is str
     ):  # fmt: skip
-        given, L = (measurement.s, measurement.desired, measurement.error), measurement.L
+        L = measurement.L
         if (
-            _are_float_vectors(*given, names) and type(L) is np.ndarray and L.dtype is FLOAT
-            and L.shape == (names, 6) and is_measurement_finite(*given, L)
+            _are_finite_vectors(measurement.s, measurement.desired, measurement.error, names)
+            and type(L) is np.ndarray and L.dtype is FLOAT and L.shape == (names, 6)
         ):  # fmt: skip
-            return measurement  # the usual case: all arrays are valid and need no conversion
+            flat = L.ravel()
+            if isfinite(flat.dot(flat)):
+                return measurement  # the usual case: all arrays are valid and need no conversion
     where = f"{type(feature).__name__}.measure returned"
     if not isinstance(measurement, FeatureMeasurement):
         if not all(hasattr(measurement, field) for field in ("s", "desired", "error", "L")):
@@ -202,11 +203,13 @@ def check_measurement(feature: Feature, measurement: object) -> FeatureMeasureme
     return dataclasses.replace(measurement, **arrays)
 
 
-def _are_float_vectors(a: object, b: object, c: object, count: int) -> bool:
-    """Return whether three values are float64 arrays (count,)."""
+def _are_finite_vectors(a: object, b: object, c: object, count: int) -> bool:
+    """Return whether three values are float64 arrays (count,) of finite, not too large numbers."""
     return (
         type(a) is type(b) is type(c) is np.ndarray and a.dtype is b.dtype is c.dtype is FLOAT
         and a.shape == b.shape == c.shape == (count,)
+        # a sum of squares is finite only if all values are finite
+        and isfinite(a.dot(a) + b.dot(b) + c.dot(c))
     )  # fmt: skip
 
 
@@ -221,7 +224,6 @@ def check_array(
     """
     if type(value) is np.ndarray and value.dtype is FLOAT and value.shape == shape:
         flat = value.ravel()
-        # a sum of squares is finite only if all values are finite
         if isfinite(flat.dot(flat)):
             return value  # the usual case: the value is valid and needs no conversion
     return _read_shaped(f"{type(owner).__name__}.{method} returned", "", value, shape)
@@ -245,7 +247,8 @@ def check_accuracy(feature: Feature, accuracy: object, count: int) -> np.ndarray
             f"{where} {_describe(accuracy)}, must return None, one number, or an array of shape "
             f"({count},) or ({count}, m)"
         )
-    if not np.isfinite(values).all():
+    flat = values.ravel()
+    if not (isfinite(flat.dot(flat)) or np.isfinite(flat).all()):
         raise SchemeError(f"{where} {_describe(accuracy)}, must return finite numbers")
     if values.ndim == 1:
         return np.diag(values)

@@ -169,7 +169,9 @@ class CameraModel:
         xd = (np.asarray(u, dtype=float) - camera.cx) / camera.fx
         yd = (np.asarray(v, dtype=float) - camera.cy) / camera.fy
         if not self.is_distorted:
-            return xd, yd, np.ones(xd.shape, dtype=bool)
+            valid = np.empty(xd.shape, bool)
+            valid.fill(True)
+            return xd, yd, valid
         if self.model in FISHEYE_MODELS:
             return _undistort_fisheye(xd, yd, self.D or (0.0,) * 4)
         return undistort_brown(xd, yd, self.D, np.tan(_MAX_FIELD_ANGLE))

@@ -190,7 +190,7 @@ class DifferentialIK:
         # a sum of squares is finite only if all values are finite
         if not (math.isfinite(q.dot(q)) and math.isfinite(dt)):
             raise ValueError(f"inverse kinematics: joints {q} or dt {dt} are not finite")
-        preferred = np.zeros(len(q))
+        count, preferred = len(q), np.zeros(len(q))
         for entry in self.other_tasks:
             preferred += entry.velocity(q)
         limited = previous is not None and self.has_acceleration_limits and dt > 0.0
@@ -201,10 +201,10 @@ class DifferentialIK:
             self.elbow_rows, self.limit_rows, dt, limited, before, self.last_velocities,
             self.setting_values,
         )  # fmt: skip
-        chain, view = getattr(self.arm, "chain", None), (np.empty((4, 4)), np.empty((6, len(q))))
+        chain, view = getattr(self.arm, "chain", None), (np.empty((4, 4)), np.empty((6, count)))
         if chain is None:
             chain, view = NO_JOINTS, tuple(map(np.array, self.arm.pose_and_jacobian(q)))
-        joints, twists = np.empty((4, len(q))), np.empty((3, 6))
+        joints, twists = np.empty((4, count)), np.empty((3, 6))
         scale, slowest, straight, is_reported, reusable, stop_count = solve_velocities(
             *chain, q, *view, *inputs, joints, twists
         )

@@ -74,7 +74,7 @@ class Task:
         except (TypeError, ValueError):
             L, rate = _read_array(self.L), _read_array(self.desired_rate)
         modelled, accuracy = np.array(self.modelled, bool), self.accuracy
-        if L.ndim != 2 or L.shape[1] != 6 or rate.shape != (len(L),) or len(L) == 0:
+        if L.ndim != 2 or L.shape[1] != 6 or rate.shape != L.shape[:1] or not L.size:
             raise InvalidTaskError(
                 f"a task needs L of shape (k, 6) and a rate of shape (k,), got {L.shape} and "
                 f"{rate.shape}"

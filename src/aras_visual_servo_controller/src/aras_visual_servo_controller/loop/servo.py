@@ -235,7 +235,10 @@ class Servo(ServoStateMachine):
             and self.phase != STOPPED and not self._hold_reason
         ):  # fmt: skip
             return self._update_approach(t, dt, measured)
-        self._check_watchdog(t)
+        if self._has_new_answer:
+            self._has_new_answer, self._answer_time = False, t
+        elif self.phase in (SERVOING, CONVERGED):
+            self._check_watchdog(t)
         return self._make_command(t, measured, self._execute_task(t, dt, measured) or self.reason)
 
     def _stop_without_joints(self, t: float, reason: str, outcome: Outcome | None) -> None:
@@ -288,11 +291,6 @@ class Servo(ServoStateMachine):
 
     def _check_watchdog(self, t: float) -> None:
         """Stop the arm if no new task has arrived in time."""
-        if self._has_new_answer:
-            self._has_new_answer, self._answer_time = False, t
-            return
-        if self.phase not in (SERVOING, CONVERGED):
-            return
         answered, patience = self.answer_timing
         if answered is None or t - answered <= patience:
             return

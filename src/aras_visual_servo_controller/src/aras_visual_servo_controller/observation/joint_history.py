@@ -83,15 +83,20 @@ class SampleBuffer:
         first = len(self._stamps)
         while first and self._stamps[first - 1] >= stamp:
             first -= 1
-        return tuple(self._make_sample(k) for k in range(first, len(self._stamps)))
+        latest = range(first, len(self._stamps))
+        return tuple(self._make_sample(self._stamps[k], self._rows[k]) for k in latest)
 
     @property
     def newest(self) -> JointSample | None:
         """Return the latest sample; None if there is none."""
-        return self._make_sample(-1) if self._stamps else None
+        return self._make_sample(self._stamps[-1], self._rows[-1]) if self._stamps else None
 
-    def _make_sample(self, k: int) -> JointSample:
-        return _make_joint_sample(self._stamps[k], self._names, self._rows[k])
+    def _make_sample(
+        self, stamp: float, row: np.ndarray, is_uncertain: bool = False
+    ) -> JointSample:
+        """Make a sample of positions and velocities (2, n), whose arrays become read-only."""
+        row.setflags(write=False)
+        return JointSample(float(stamp), self._names, row[0], row[1], is_uncertain)
 
 
 class JointHistory(SampleBuffer):
@@ -147,7 +152,7 @@ class JointHistory(SampleBuffer):
         if before < 0 and not has_after:
             return None
         if before >= 0 and stamps[before] == stamp:
-            return self._make_sample(before)
+            return self._make_sample(stamp, rows[before])
         if before >= 0 and has_after:
             since, until = stamp - stamps[before], stamps[after] - stamp
             part = since / (stamps[after] - stamps[before])
@@ -163,7 +168,7 @@ class JointHistory(SampleBuffer):
         is_uncertain = len(stamps) > 1 and (
             distance > MAX_PERIODS * self._estimate_period() + ROUNDING
         )
-        return _make_joint_sample(stamp, self._names, row, is_uncertain)
+        return self._make_sample(stamp, row, is_uncertain)
 
     def _estimate_period(self) -> float:
         """Return the median period of the latest samples, s; needs at least two samples."""
@@ -171,12 +176,3 @@ class JointHistory(SampleBuffer):
         periods = sorted(map(sub, latest[1:], latest))
         half = len(periods) // 2
         return periods[half] if len(periods) % 2 else 0.5 * (periods[half - 1] + periods[half])
-
-
-def _make_joint_sample(
-    stamp: float, names: tuple[str, ...], row: np.ndarray, is_uncertain: bool = False
-) -> JointSample:
-    """Make a sample of positions and velocities (2, n), whose arrays become read-only."""
-    row.setflags(write=False)
-    positions, velocities = row
-    return JointSample(float(stamp), names, positions, velocities, is_uncertain)

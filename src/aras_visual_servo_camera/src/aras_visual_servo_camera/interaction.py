@@ -78,6 +78,24 @@ class Plane(NamedTuple):
         return self.A * x + self.B * y + self.C
 
 
+@jit("f8[:], f8, f8[:,:]", allocates=False)
+def transform_plane(normal, offset, world_T_camera):
+    """Transform the plane normal . X = offset, in m, from the world to the camera's optical frame.
+
+    Returns:
+        The signed distance of the camera from the plane, times |normal|; A, B and C of the plane,
+        which are not finite if this distance is 0.
+    """
+    x, y, z = normal
+    T = world_T_camera
+    height = offset - (x * T[0, 3] + y * T[1, 3] + z * T[2, 3])
+    x, y, z = x / height, y / height, z / height
+    return (
+        height, x * T[0, 0] + y * T[1, 0] + z * T[2, 0], x * T[0, 1] + y * T[1, 1] + z * T[2, 1],
+        x * T[0, 2] + y * T[1, 2] + z * T[2, 2],
+    )  # fmt: skip
+
+
 def point_interaction(points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
     """Return the interaction matrix L of image points (x, y): d(x, y)/dt = L v.
 

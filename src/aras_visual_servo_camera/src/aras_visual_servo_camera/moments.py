@@ -75,9 +75,7 @@ class Pinhole:
 class Moments:
     """Image moments m_ij and mu_ij of one shape for i + j <= `order`; immutable.
 
-    They are created by `from_image`, `from_polygon`, `from_points`, `from_samples` or
-    `from_arrays`. Coordinates are normalised, so the moments do not depend on the lens and the
-    resolution.
+    Constructors: `from_image`, `from_polygon`, `from_points`, `from_samples`, `from_arrays`.
 
     Attributes:
         order: highest i + j, up to 6.
@@ -303,10 +301,10 @@ class Moments:
         if not (m00 > 0.0 and isfinite(m00)):
             raise MomentsError(f"m00 = {m00:g} must be positive: the shape is empty")
         centred.setflags(write=False)
-        moments = cls(order, kind, m00, x0 + dx, y0 + dy, centred)
+        result = cls(order, kind, m00, x0 + dx, y0 + dy, centred)
         if order > 1:
-            moments.__dict__["second"] = tuple(second)
-        return moments
+            result.__dict__["second"] = tuple(second)
+        return result
 
 
 def _freeze(array: Array) -> Array:
@@ -383,8 +381,8 @@ def _read_vertices(points: ArrayLike, label: str) -> Array:
 def _integrate_polygon(vertices: ArrayLike, origin: Array, order: int, label: str) -> Array:
     """Compute the moments (order+1, order+1) of a polygon (n, 2) about an origin (2,).
 
-    If the origin is NaN, the mean of the vertices is written into it. The sign of the moments is
-    such that the area is positive. `label` names the polygon in messages.
+    If the origin is NaN, the mean of the vertices is written into it. The area is positive. `label`
+    names the polygon in messages.
     """
     table, vertices = np.empty((order + 1, order + 1)), _read_vertices(vertices, label)
     is_finite, is_empty, first, second = integrate_polygon(vertices, origin, table)

@@ -196,18 +196,18 @@ def read_camera_model(info: Any) -> CameraModel:
     return CameraModel(info.width, info.height, K, tuple(map(float, info.D)), info.model)
 
 
-def is_in_view(outline: np.ndarray, camera: CameraModel, margin: float = 2.0) -> bool:
+def is_in_view(
+    outline: np.ndarray, camera: CameraModel, margin: float = 2.0, pixels: np.ndarray | None = None
+) -> bool:
     """Return True if an outline is completely inside the image.
 
     Args:
         outline: corners (n, 2) in normalised coordinates.
         margin: minimum distance of the outline from the image border, px.
+        pixels: corners (n, 2) in the image, px; None: they are computed.
     """
-    return are_pixels_in_view(_project_outline(outline, camera), camera, margin)
-
-
-def are_pixels_in_view(pixels: np.ndarray, camera: CameraModel, margin: float) -> bool:
-    """Return True if all pixels (n, 2) are at least `margin` (px) inside the image border."""
+    if pixels is None or camera.is_distorted:
+        pixels = _project_outline(outline, camera)
     columns, rows = pixels.T.tolist()
     return (
         min(columns) >= margin and max(columns) <= camera.width - 1 - margin

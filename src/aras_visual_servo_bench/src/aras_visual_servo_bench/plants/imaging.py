@@ -96,12 +96,10 @@ class ImagingSettings:
 
     def crop_rows(self, band: RowBand) -> ImagingSettings:
         """Return a copy of these settings with a camera that has only the rows of `band`."""
-        if band.last - band.first == self.camera.height:
+        if (height := band.last - band.first) == self.camera.height:
             return self
         K = np.reshape(self.camera.K, (3, 3)) - [[0, 0, 0], [0, 0, band.first], [0, 0, 0]]
-        camera = replace(
-            self.camera, height=band.last - band.first, K=tuple(K.ravel().tolist())
-        )
+        camera = replace(self.camera, height=height, K=tuple(K.ravel().tolist()))
         blind = None if self.blind_mask is None else self.blind_mask[band.first : band.last]
         return replace(self, camera=camera, row_bands=(), blind_mask=blind)
 
@@ -123,19 +121,14 @@ class ImagingSettings:
             points = self.target.shape.points(target_T_camera)
         except OutOfViewError:
             return None
-        camera, pixels = self.camera, self.camera.project_points(outline)
-        # the edges between the pixels are curved if the lens has distortion
-        in_view = self.is_unbounded or (
-            cameras.is_in_view(outline, camera, 0.0) if camera.is_distorted
-            else cameras.are_pixels_in_view(pixels, camera, 0.0)
-        )  # fmt: skip
+        pixels = self.camera.project_points(outline)
         if (
-            not in_view
+            not (self.is_unbounded or cameras.is_in_view(outline, self.camera, 0.0, pixels))
             or self.depth_range is not None and self.is_clipped(outline, target_T_camera)
             or self.blind_mask is not None and self.is_blind_at(pixels)
         ):
             return None
-        return pixels, None if points is None else camera.project_points(points)
+        return pixels, None if points is None else self.camera.project_points(points)
 
     def is_clipped(self, outline: np.ndarray, target_T_camera: np.ndarray) -> bool:
         """Return True if the depth of a point of the outline is outside `depth_range`.

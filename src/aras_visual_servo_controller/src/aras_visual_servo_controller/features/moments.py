@@ -218,19 +218,20 @@ class MomentFeature(Feature):
         The estimate has the orientation that follows from kinematics, and the depth that follows
         from the target's area.
         """
-        plane, centre = observation.plane, (moments.xg, moments.yg)
-        if observation.is_plane_measured and plane.inverse_depth(*centre) > 0.0:
+        plane = observation.plane
+        if observation.is_plane_measured and plane.inverse_depth(moments.xg, moments.yg) > 0.0:
             return plane
         normal = goal_moments.camera_normal
         if goal_moments.normal is not None and observation.world_T_camera is not None:
             normal = observation.world_T_camera[:3, :3].T @ goal_moments.normal
-        facing = float(normal @ (*centre, 1.0))
+        A, B, C = normal.tolist()
+        facing = A * moments.xg + B * moments.yg + C
         if facing < 0.05:
             raise MeasurementError(
                 "the camera views the target's plane edge-on or from behind"
             )
-        depth = sqrt(goal_moments.patch_area * facing / moments.area)
-        return Plane(*(normal / (facing * depth)).tolist())
+        scale = facing * sqrt(goal_moments.patch_area * facing / moments.area)
+        return Plane(A / scale, B / scale, C / scale)
 
 
 @FEATURES.register("moments")

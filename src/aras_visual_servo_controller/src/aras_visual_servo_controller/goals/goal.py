@@ -21,7 +21,7 @@ from aras_visual_servo_base.poses import pose_difference
 from aras_visual_servo_base.yaml_files import parse_yaml, read_text
 from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.errors import VisionError
-from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_camera.interaction import Plane, transform_plane
 from aras_visual_servo_camera.moments import MAX_ORDER, Moments
 
 from ..errors import ConfigurationError, ServoError
@@ -97,11 +97,6 @@ class Goal:
         if self.plane is not None and self.plane.C > 0.0:
             return 1.0 / self.plane.C
         return self.depth or DEFAULT_DEPTH
-
-    @cached_property
-    def twist_scale(self) -> np.ndarray:
-        """Factors (6,) that convert a twist with `distance` as unit of length to m and rad."""
-        return np.array((self.distance,) * 3 + (1.0,) * 3)
 
     @property
     def scale(self) -> float:
@@ -281,11 +276,8 @@ class Goal:
         if self.plane is None or self.world_T_camera is None:
             return None
         # Every point X of the plane, in the goal's camera frame, satisfies (A, B, C) . X = 1.
-        normal, offset = self._plane_in_world
-        height = offset - float(normal @ world_T_camera[:3, 3])
-        if height == 0.0:
-            return None
-        return Plane(*((normal / height) @ world_T_camera[:3, :3]).tolist())
+        height, *plane = transform_plane(*self._plane_in_world, world_T_camera)
+        return Plane(*plane) if height != 0.0 else None
 
     @cached_property
     def _plane_in_world(self) -> tuple[np.ndarray, float]:

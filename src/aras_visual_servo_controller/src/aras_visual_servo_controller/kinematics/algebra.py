@@ -328,17 +328,6 @@ def are_finite(a, b, c):
     return total == 0.0
 
 
-@jit("f8[:], f8[:], f8[:], f8[:,:]", allocates=False)
-def is_measurement_finite(s, desired, error, L):
-    """Return whether s, s*, the error (k,) and L (k, 6) are finite."""
-    total = 0.0
-    for i in range(len(s)):
-        total += 0.0 * s[i] + 0.0 * desired[i] + 0.0 * error[i]
-        for j in range(6):
-            total += 0.0 * L[i, j]
-    return total == 0.0
-
-
 @jit("f8[:,:], f8[:]")
 def is_task_finite(L, rate):
     """Return whether L (k, 6) and rate (k,) are finite."""

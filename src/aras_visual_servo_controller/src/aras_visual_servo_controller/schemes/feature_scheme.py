@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -37,6 +38,12 @@ NOISE_RANK_TOLERANCE = 1e-4
 # largest one. Then noise matters little, and all camera directions are controlled.
 WELL_CONDITIONED = 0.05
 Estimator = Callable[[Observation, FeatureMeasurement], np.ndarray]
+
+
+@lru_cache
+def _make_twist_scale(distance: float) -> np.ndarray:
+    """Return factors (6,) that convert a twist with `distance` as unit of length to m and rad."""
+    return np.array((distance,) * 3 + (1.0,) * 3)
 
 
 class FeatureSchemeBase(Scheme):
@@ -211,7 +218,7 @@ class FeatureScheme(FeatureSchemeBase):
         filtered = measured.error
         if self.smoothing > 0.0:
             filtered = self._filter_error(filtered, observation.stamp)
-        scale = goal.twist_scale
+        scale = _make_twist_scale(goal.distance)
         A, b, weights = modelled * scale, filtered, self.feature.weights
         if weights is not None:
             A, b = weights[:, None] * A, weights * b

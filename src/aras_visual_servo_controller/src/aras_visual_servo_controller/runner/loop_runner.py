@@ -331,7 +331,9 @@ class LoopRunner:
         t = self.update_time = t if self.update_time is None else max(t, self.update_time)
         command = self.servo.update(t, sample, missing_reason, missing_outcome)
         if command.kind == "position" and command.values is not None:
-            self.commands.append(JointSample.from_values(t, command.names, command.values))
+            rows = np.zeros((1, 2, len(command.names)))
+            rows[0, 0] = command.values
+            self.commands.extend(command.names, (t,), rows)
         return command
 
     def _stop_without_joints(self, t: float, sample: JointSample | None = None) -> JointCommand:

@@ -246,7 +246,8 @@ class FeatureScheme(FeatureSchemeBase):
             desired=measured.desired if summary is None else np.zeros_like(summary),
             error=measured.error if summary is None else summary,
             task=(
-                Task(L, rate, self._modelled, goal.distance, **known) if weights is None
+                Task(L, rate, self._modelled, goal.distance, **known)
+                if weights is None
                 else Task.from_interaction(L, rate, self._modelled, weights, goal.distance, **known)
             ),
             L=L,

@@ -76,6 +76,15 @@ def move_freely(q, motion):
     q[0], q[1], q[2], q[3], q[4], q[5] = twist
 
 
+@jit("f8[:,:], f8[::1]", allocates=False)
+def write_logarithm(a_T_b, twist):
+    """Write `poses.logarithm` of a pose (4, 4) into `twist` (6,)."""
+    x, y, z = a_T_b[0], a_T_b[1], a_T_b[2]
+    twist[0], twist[1], twist[2], twist[3], twist[4], twist[5] = compute_logarithm(
+        x[0], x[1], x[2], x[3], y[0], y[1], y[2], y[3], z[0], z[1], z[2], z[3]
+    )
+
+
 @jit("f8[:]")
 def _compute_right_jacobian(twist):
     """Compute the right Jacobian J (6, 6) of the exponential map of SE(3).

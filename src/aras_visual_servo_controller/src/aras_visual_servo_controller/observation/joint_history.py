@@ -160,8 +160,9 @@ class JointHistory(SampleBuffer):
             distance = min(since, until)
         else:  # all samples are on one side: extrapolate from the nearest
             nearest = max(before, 0)
-            dt, (positions, velocities) = stamp - stamps[nearest], rows[nearest]
-            row, distance = np.array((positions + dt * velocities, velocities)), abs(dt)
+            dt, row = stamp - stamps[nearest], rows[nearest].copy()
+            row[0] += dt * row[1]
+            distance = abs(dt)
             if distance > MAX_AGE:
                 return None
         # The period is unknown if there is only one sample.

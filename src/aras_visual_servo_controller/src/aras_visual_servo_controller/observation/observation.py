@@ -13,11 +13,11 @@ from functools import cached_property
 
 import numpy as np
 
-from aras_visual_servo_base.poses import logarithm
 from aras_visual_servo_camera.camera_model import CameraModel
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments
 
+from ..kinematics.free_body_kinematics import write_logarithm
 from ..kinematics.joint_sample import JointSample
 
 CAMERA = "camera"  # default name of the only camera of an experiment or a node
@@ -180,4 +180,8 @@ class Observation:
     @cached_property
     def motion(self) -> np.ndarray | None:
         """Motion since the previous observation, as the twist (6,) that causes it in one second."""
-        return None if self.previous_T_camera is None else logarithm(self.previous_T_camera)
+        if self.previous_T_camera is None:
+            return None
+        motion = np.empty(6)
+        write_logarithm(self.previous_T_camera, motion)
+        return motion

@@ -79,9 +79,7 @@ def extract_outline(grey: NDArray[np.uint8], target: SegmentedTarget, camera: Ca
             "the target extends beyond the range of the lens model; move it towards the middle of "
             "the image"
         )
-    outline = np.empty((count, 2))
-    outline[:, 0], outline[:, 1] = x, y
-    return outline
+    return np.stack([x, y], axis=1)
 
 
 def find_corners(outline: Array, max_bend: float = MAX_BEND) -> Array:

@@ -140,14 +140,14 @@ def solve_scaled(L, e, tolerance, scale, solution):
 
 @jit("f8[:,:], b1[:], f8, f8, f8[:,:], f8, f8[::1]")
 def compute_uncertainty(L, modelled, depth, accuracy, accuracy_columns, tolerance, uncertainty):
-    """Compute `Task.uncertainty` (r,), for the r singular directions of a task.
+    """Compute `Task.uncertainty` (r,), for the r singular directions of a task; return r.
 
     Args:
         L, modelled, depth: attributes of the task.
         accuracy, accuracy_columns: attribute `accuracy` of the task: a number and an array (k, 0),
             or any number and an array (k, m) with m > 0.
         tolerance: attribute `rank_tolerance` of the task.
-        uncertainty: (r,) output.
+        uncertainty: (6,) output, of which the first r elements are used.
     """
     k, n = len(L), 0
     columns = np.empty((k, 6))
@@ -168,6 +168,7 @@ def compute_uncertainty(L, modelled, depth, accuracy, accuracy_columns, toleranc
                 square += total * total
             noise = np.sqrt(square)
         uncertainty[i] = noise / s[i] if s[i] > tolerance * s[0] else np.inf
+    return len(s)
 
 
 @jit("f8[:,:], b1[:], f8, f8")

@@ -185,12 +185,12 @@ class Task:
         that no feature measures.
         """
         is_number = np.ndim(self.accuracy) == 0
-        uncertainty = np.empty(min(len(self.L), np.count_nonzero(self.modelled)))
-        compute_uncertainty(
+        uncertainty = np.empty(6)
+        count = compute_uncertainty(
             self.L, self.modelled, self.depth, float(self.accuracy) if is_number else 0.0,
             NO_COLUMNS if is_number else self.accuracy, self.rank_tolerance, uncertainty,
         )  # fmt: skip
-        return uncertainty
+        return uncertainty[:count]
 
     @property
     def rank(self) -> int:

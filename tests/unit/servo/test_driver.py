@@ -194,7 +194,7 @@ def test_the_watchdog_says_what_it_waits_for_and_whom_to_ask():
     silent = bench.t - float(since.split()[0])
     assert 30 * DT - 0.02 < silent < 30 * DT + 0.05  # since when, which stays true
     found, last = bench.servo.outcome, bench.states[-1]
-    assert found.reason == f"{bench.servo.reason}; before that, one came every 0.033 s"
+    assert found.reason == f"{bench.servo.reason}; the two images before that were 0.033 s apart"
     assert (last.reason, last.remedy) == (found.reason, found.remedy)
     assert "camera runs" in found.remedy
 

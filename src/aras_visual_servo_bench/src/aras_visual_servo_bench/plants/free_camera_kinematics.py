@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import isfinite
 
 import numpy as np
 
 from aras_visual_servo_base.poses import inverse, logarithm, relative_pose
 from aras_visual_servo_controller.errors import MeasurementError
+from aras_visual_servo_controller.kinematics.algebra import is_finite
 from aras_visual_servo_controller.kinematics.chain import Chain, compute_pose_and_jacobian
 from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 
@@ -110,8 +110,7 @@ class FreeCameraKinematics:
             MeasurementError: a value is not finite.
         """
         speeds = q if velocities is None else velocities
-        # a sum of squares is finite only if all values are finite
-        if not isfinite(q.dot(q) + speeds.dot(speeds)):
+        if not (is_finite(q) and is_finite(speeds)):
             raise MeasurementError("a coordinate of the free camera is not finite")
 
     def read_joints(

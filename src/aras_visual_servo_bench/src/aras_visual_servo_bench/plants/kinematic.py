@@ -6,7 +6,6 @@ The motion between two measurements is computed in a single step, without numeri
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from math import isfinite
 from operator import attrgetter
 from typing import TYPE_CHECKING
 
@@ -14,7 +13,7 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import jit
 from aras_visual_servo_controller.kinematics import Arm
-from aras_visual_servo_controller.kinematics.algebra import solve_linear
+from aras_visual_servo_controller.kinematics.algebra import is_finite, solve_linear
 from aras_visual_servo_controller.kinematics.chain import CHAIN_SIGNATURE, compute_pose_and_jacobian
 from aras_visual_servo_controller.kinematics.free_body_kinematics import move_freely
 from aras_visual_servo_controller.observation.frame import NANOSECONDS
@@ -117,6 +116,7 @@ class KinematicPlant(Plant):
             follow_velocity(self._chain, self._state, self._lag, dt)
         elif dt > 0.0:
             follow_position(self._state, self._lag, dt)
+        self._pose = None  # an observer of the update may have read the pose before this motion
         self.time_ns = max(time_ns, self.time_ns)
         readings: list[Reading] = []
         if joints_ns == time_ns:
@@ -141,8 +141,7 @@ class KinematicPlant(Plant):
             raise ExperimentError(
                 f"this plant accepts {' or '.join(sorted(self.outputs))} commands, not {kind}"
             )
-        # a sum of squares is finite only if all values are finite
-        if values.shape != self._state[Q].shape or not isfinite(values.dot(values)):
+        if values.shape != self._state[Q].shape or not is_finite(values):
             raise ExperimentError(
                 f"a command must be {len(self.joint_names)} finite numbers, got {values}"
             )

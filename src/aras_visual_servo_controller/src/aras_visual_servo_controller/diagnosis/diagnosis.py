@@ -163,15 +163,14 @@ class Diagnosis:
         self._starvation_stamp = t
         gap = t - self._stamps[-1] if self._stamps else 0.0
         self._longest_gap = max(self._longest_gap, gap, period)
-        reason, what = event.reason, "one"
+        reason = event.reason
         if self._starvation_count > 1:
-            what = "an image"
             reason = (
                 f"the watchdog stopped the arm {self._starvation_count} times, the last time at "
                 f"{t:.2f} s"
             )
         if period > 0.0:
-            reason = f"{reason}; before that, {what} came every {period:.3f} s"
+            reason = f"{reason}; the two images before that were {period:.3f} s apart"
         found = make_outcome("too_few_images", reason)
         if self._starvation_count > 1 and self._are_images_rare:
             gain = getattr(getattr(self.run_context.scheme, "law", None), "gain", None)

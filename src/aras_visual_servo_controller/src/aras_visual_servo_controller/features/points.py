@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from math import hypot, isfinite, sqrt
+from math import hypot, sqrt
 from typing import Any, ClassVar
 
 import numpy as np
@@ -31,6 +31,7 @@ from aras_visual_servo_camera.intersection_accuracy import compute_rms_deviation
 
 from ..errors import POINT_BEHIND_CAMERA, ConfigurationError, MeasurementError
 from ..goals.goal import Goal
+from ..kinematics.algebra import is_finite
 from ..observation.observation import Need, Observation
 from .base import FEATURES, Feature, FeatureMeasurement, get_plane
 
@@ -190,9 +191,7 @@ class PointFeature(Feature):
                 finite.
         """
         points = np.asarray(self.points(observation), float)
-        flat = points.ravel()
-        # a sum of squares is finite only if all values are finite
-        if not (isfinite(flat.dot(flat)) or np.isfinite(flat).all()):
+        if not is_finite(points.ravel()):
             raise MeasurementError("the feature returned a point that is not finite; correct the "
                                    "feature")
         if points.shape == desired.shape:

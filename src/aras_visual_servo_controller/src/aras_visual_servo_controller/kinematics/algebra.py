@@ -1,5 +1,7 @@
 """Compiled linear algebra of small matrices, for the inverse kinematics and the features."""
 
+from math import isfinite
+
 import numpy as np
 
 from aras_visual_servo_base.compiled import jit
@@ -10,6 +12,13 @@ ROUNDING_TOLERANCE = 1e-12
 # Two rows of the matrix are treated as orthogonal if the cosine of their angle is below this.
 RIGHT_ANGLE = 2e-15
 SWEEPS = 40  # maximum number of Jacobi sweeps; six are usual
+
+
+def is_finite(vector: np.ndarray) -> bool:
+    """Return whether all elements of a vector (k,) are finite."""
+    # The sum of squares is fast to compute. It is finite only if all elements are finite, but it is
+    # infinite for finite elements above 1e154, too.
+    return isfinite(vector.dot(vector)) or bool(np.isfinite(vector).all())
 
 
 @jit("f8[:,:]")
@@ -315,17 +324,16 @@ def has_singular_values_above(a, bound):
     return True
 
 
-@jit("f8[:], f8[:], f8[:]")
-def are_finite(a, b, c):
-    """Return whether all elements of three arrays (k,) are finite.
+@jit("f8[:]")
+def are_finite(values):
+    """Return whether all elements of an array (k,) are finite; for compiled functions.
 
     Each element is multiplied by 0, and the products are added: the sum is NaN if an element is not
     finite.
     """
     total = 0.0
-    for array in (a, b, c):
-        for value in array:
-            total += 0.0 * value
+    for value in values:
+        total += 0.0 * value
     return total == 0.0
 
 

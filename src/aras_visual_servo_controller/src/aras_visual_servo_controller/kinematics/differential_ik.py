@@ -38,6 +38,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import ServoError
+from .algebra import is_finite
 from .arm import Arm
 from .chain import NO_JOINTS
 from .command_limits import CommandLimits
@@ -187,8 +188,7 @@ class DifferentialIK:
             numpy.linalg.LinAlgError: the Jacobian is not finite.
         """
         q, dt = np.asarray(q, float), float(dt)
-        # a sum of squares is finite only if all values are finite
-        if not (math.isfinite(q.dot(q)) and math.isfinite(dt)):
+        if not (is_finite(q) and math.isfinite(dt)):
             raise ValueError(f"inverse kinematics: joints {q} or dt {dt} are not finite")
         count, preferred = len(q), np.zeros(len(q))
         for entry in self.other_tasks:
@@ -279,6 +279,6 @@ def solve_ik(
     """
     measurable = task if task.is_exact else task.measurable_task
     solution = differential_ik.solve(q, measurable, period, velocities)
-    if not math.isfinite(solution.velocities.dot(solution.velocities)):
+    if not is_finite(solution.velocities):
         raise ServoError("the joint velocities are not finite")
     return solution

@@ -13,6 +13,7 @@ from ..errors import InvalidTaskError
 from .algebra import (
     ROUNDING_TOLERANCE,
     compute_uncertainty,
+    is_finite,
     is_task_finite,
     reduce_equations,
     solve_least_squares,
@@ -85,8 +86,7 @@ class Task:
         if type(accuracy) is not float or not isfinite(accuracy):
             accuracy = _read_array(accuracy)
             fits = accuracy.ndim == 0 or accuracy.ndim == 2 and len(accuracy) == len(L)
-            flat = accuracy.ravel()
-            if not (fits and (isfinite(flat.dot(flat)) or np.isfinite(flat).all())):
+            if not (fits and is_finite(accuracy.ravel())):
                 raise InvalidTaskError(
                     f"accuracy must be finite, and one number or of shape ({len(L)}, m), got shape "
                     f"{accuracy.shape}"

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from math import isfinite
 from typing import Protocol
 
 import numpy as np
 
+from ..kinematics.algebra import is_finite
 from ..loop.servo import Servo
 from ..records.state import STOPPED, JointCommand, ServoState
 from ..settings import ControllerSettings
@@ -58,8 +58,7 @@ class CommandSender:
     def send(self, command: JointCommand, repeat: bool = False) -> None:
         """Send a command; with `repeat`, send equal positions again if a joint does not follow."""
         values = command.values
-        # a sum of squares is finite only if all values are finite
-        if self._is_ended or values is None or not isfinite(values.dot(values)):
+        if self._is_ended or values is None or not is_finite(values):
             return
         if self.values is None and self._servo.phase == STOPPED:
             # The loop has not been started, and another node may command the joints: send nothing.

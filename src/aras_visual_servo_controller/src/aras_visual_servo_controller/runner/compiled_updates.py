@@ -110,7 +110,7 @@ def process_joint_state(q, v, stamp, loop):
             has_acceleration_limits,
             rows[VELOCITY], last_velocities, setting_values, joints, np.empty((3, 6)),
         )  # fmt: skip
-        if not are_finite(joints[VELOCITIES], joints[VELOCITIES], joints[VELOCITIES]):
+        if not are_finite(joints[VELOCITIES]):
             return NEEDS_PYTHON
         for i in range(len(q)):
             rows[SOLUTION, i] = last_velocities[0, i] = joints[VELOCITIES, i]
@@ -121,7 +121,7 @@ def process_joint_state(q, v, stamp, loop):
         rows[COMMAND], rows[VELOCITY], rows[SOLUTION], q, limits[0], limits[1], lead, settings[LAG],
         dt,
     )  # fmt: skip
-    if late.any() or not are_finite(after, after, after):
+    if late.any() or not are_finite(after):
         return NEEDS_PYTHON
     clock[NOW] = clock[NEWEST] = stamp
     sent_row, same = int(settings[SENT_ROW]), True

@@ -14,6 +14,7 @@ from aras_visual_servo_base.names import format_error
 from ..errors import ConfigurationError, SchemeError
 from ..features.base import Feature, FeatureMeasurement
 from ..goals.goal import Goal
+from ..kinematics.algebra import is_finite
 from ..kinematics.task import Task
 from ..observation.observation import Observation
 from .base import JointController, Scheme, SchemeOutput
@@ -171,10 +172,9 @@ def check_measurement(feature: Feature, measurement: object) -> FeatureMeasureme
         if (
             _are_finite_vectors(measurement.s, measurement.desired, measurement.error, names)
             and type(L) is np.ndarray and L.dtype is FLOAT and L.shape == (names, 6)
+            and is_finite(L.ravel())
         ):  # fmt: skip
-            flat = L.ravel()
-            if isfinite(flat.dot(flat)):
-                return measurement  # the usual case: all arrays are valid and need no conversion
+            return measurement  # the usual case: all arrays are valid and need no conversion
     where = f"{type(feature).__name__}.measure returned"
     if not isinstance(measurement, FeatureMeasurement):
         if not all(hasattr(measurement, field) for field in ("s", "desired", "error", "L")):
@@ -204,12 +204,11 @@ def check_measurement(feature: Feature, measurement: object) -> FeatureMeasureme
 
 
 def _are_finite_vectors(a: object, b: object, c: object, count: int) -> bool:
-    """Return whether three values are float64 arrays (count,) of finite, not too large numbers."""
+    """Return whether three values are float64 arrays (count,) of finite numbers."""
     return (
         type(a) is type(b) is type(c) is np.ndarray and a.dtype is b.dtype is c.dtype is FLOAT
         and a.shape == b.shape == c.shape == (count,)
-        # a sum of squares is finite only if all values are finite
-        and isfinite(a.dot(a) + b.dot(b) + c.dot(c))
+        and is_finite(a) and is_finite(b) and is_finite(c)
     )  # fmt: skip
 
 
@@ -222,10 +221,11 @@ def check_array(
         SchemeError: the value is not valid; the message names the class, the method, the value and
             what is needed.
     """
-    if type(value) is np.ndarray and value.dtype is FLOAT and value.shape == shape:
-        flat = value.ravel()
-        if isfinite(flat.dot(flat)):
-            return value  # the usual case: the value is valid and needs no conversion
+    if (
+        type(value) is np.ndarray and value.dtype is FLOAT and value.shape == shape
+        and is_finite(value.ravel())
+    ):  # fmt: skip
+        return value  # the usual case: the value is valid and needs no conversion
     return _read_shaped(f"{type(owner).__name__}.{method} returned", "", value, shape)
 
 
@@ -247,8 +247,7 @@ def check_accuracy(feature: Feature, accuracy: object, count: int) -> np.ndarray
             f"{where} {_describe(accuracy)}, must return None, one number, or an array of shape "
             f"({count},) or ({count}, m)"
         )
-    flat = values.ravel()
-    if not (isfinite(flat.dot(flat)) or np.isfinite(flat).all()):
+    if not is_finite(values.ravel()):
         raise SchemeError(f"{where} {_describe(accuracy)}, must return finite numbers")
     if values.ndim == 1:
         return np.diag(values)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
@@ -20,6 +20,7 @@ from aras_sim_bridge.errors import DescriptionError, WorldError
 from aras_sim_bridge.world import Model, World
 
 if TYPE_CHECKING:
+    from aras_sim_bridge.camera.mounting import MountedCamera
     from aras_sim_bridge.control.controllers.joint_state import JointStateController
 
 log = logging.getLogger(__name__)
@@ -31,18 +32,23 @@ class CompiledController(Protocol):
     This function makes many control cycles, each with one physics step, without calling Python.
     """
 
-    def start_cycles(self, time_ns: int, until_ns: int) -> JointStateController | None:
+    def start_cycles(
+        self, time_ns: int, until_ns: int, step_ns: int
+    ) -> JointStateController | None:
         """Prepare the control cycles from `time_ns` to `until_ns` (simulated time, ns).
 
         Return the joint state controller from which this controller takes joint states in these
-        cycles, or None if it takes none.
+        cycles, or None if it takes none; the other methods are then not called.
         """
 
     def run_cycles(self, *arguments: object) -> tuple[int, int, int]:
-        """Run compiled control cycles.
+        """Run a part of the prepared cycles in compiled code.
 
         Arguments and results are those of control_cycle.run_cycles.
         """
+
+    def end_cycles(self) -> None:
+        """Apply the results of the cycles; called once after the last `run_cycles`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,12 +140,15 @@ class ControlledModel:
         physics = world.get_compiled_step(self.model)
         if physics is None:
             return None
-        sampler = None if controller is None else controller.start_cycles(time_ns, until_ns)
+        sampler = None
+        if controller is not None:
+            sampler = controller.start_cycles(time_ns, until_ns, step_ns)
         loops = self.loop.start_cycles(time_ns, step_ns, sampler)
         if loops is None:
             return None
-        function = control_cycle.run_cycles if sampler is None else controller.run_cycles
-        return CompiledCycles(self, world, step_ns, until_ns, function, physics, *loops)
+        if sampler is None:
+            controller = None
+        return CompiledCycles(self, world, step_ns, until_ns, controller, physics, *loops)
 
 
 @dataclass
@@ -149,7 +158,7 @@ class CompiledCycles:
     Attributes:
         step_ns: physics step, ns.
         until_ns: simulated time up to which steps may be made, ns.
-        function: compiled function.
+        controller: controller that runs in the compiled function, or None.
         physics: result of World.get_compiled_step.
         loops: array of the joint loops, see ControlLoop.start_cycles.
         idle_ns: simulated time before which no controller needs Python, ns.
@@ -159,25 +168,44 @@ class CompiledCycles:
     world: World
     step_ns: int
     until_ns: int
-    function: Callable[..., tuple[int, int, int]]
+    controller: CompiledController | None
     physics: tuple
     loops: np.ndarray
     idle_ns: float
 
-    def run(self, start_ns: int) -> int:
+    def run(self, start_ns: int, quiet_ns: int, cameras: Iterable[MountedCamera]) -> int:
         """Make steps from `start_ns` to the earlier of `until_ns` and `idle_ns`.
 
         Return the simulated time, ns, at the end of the last step. Call `finish` afterwards.
+
+        Args:
+            quiet_ns: simulated time, ns, until which no camera acts; at most one step may follow.
+            cameras: cameras that are prepared for this last step.
         """
-        hardware, step_ns = self.robot.hardware, self.step_ns
-        count = min(
+        hardware, step_ns, controller = self.robot.hardware, self.step_ns, self.controller
+        function = control_cycle.run_cycles if controller is None else controller.run_cycles
+        last = min(
             int(min(self.until_ns, self.idle_ns) - start_ns) // step_ns,
             self.world.contact_forecast.steps_until_update,
         )
-        self._made, self._end, self._diverged = self.function(
-            count, start_ns, step_ns, self.loops, hardware.handle_rows, hardware.drive_rows,
-            *self.physics,
-        )
+        quiet = min(max((quiet_ns - start_ns) // step_ns, 0), last)
+        self._made, self._end, self._diverged = 0, control_cycle.ALL_MADE, -1
+        for goal in (quiet, last):
+            count, time_ns = goal - self._made, start_ns + self._made * step_ns
+            if count == 0:
+                continue
+            if goal > quiet:
+                for camera in cameras:
+                    camera.before_step(time_ns, time_ns + step_ns)
+            made, self._end, self._diverged = function(
+                count, time_ns, step_ns, self.loops, hardware.handle_rows, hardware.drive_rows,
+                *self.physics,
+            )
+            self._made += made
+            if made < count or self._end != control_cycle.ALL_MADE:
+                break
+        if controller is not None:
+            controller.end_cycles()
         controlled = self._made + (self._end == control_cycle.NOT_FINITE)
         self.robot.loop.end_cycles(start_ns + controlled * step_ns)
         return start_ns + (self._made - (self._end == control_cycle.DIVERGED)) * step_ns

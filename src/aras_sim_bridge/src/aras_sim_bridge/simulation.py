@@ -27,12 +27,7 @@ from aras_sim_bridge.controlled_model import (
 from aras_sim_bridge.description import CameraDescription, Light, RobotDescription
 from aras_sim_bridge.description.lights import check_light
 from aras_sim_bridge.description.types import SUN, SceneSettings
-from aras_sim_bridge.errors import (
-    CameraError,
-    RenderingError,
-    SimError,
-    WorldError,
-)
+from aras_sim_bridge.errors import CameraError, RenderingError, SimError, WorldError
 from aras_sim_bridge.lighting import MOST_LIGHTS, make_lighting
 from aras_sim_bridge.rendering import EXPOSURES, Lighting, create_renderer
 from aras_sim_bridge.sensors import KINDS, PeriodicSensor
@@ -216,10 +211,8 @@ class Simulation:
         is_new = light.name not in self.lights
         self.lights[light.name] = check_light(light)
         if is_new and len(self.lights) > MOST_LIGHTS:
-            log.warning(
-                "light '%s' has no effect, because only the first %d lights illuminate images; "
-                "delete one of these first lights", light.name, MOST_LIGHTS
-            )
+            log.warning("light '%s' has no effect, because only the first %d lights illuminate "
+                        "images; delete one of these first lights", light.name, MOST_LIGHTS)
         if self._renderer is not None:
             self._renderer.light = self.lighting
 
@@ -248,32 +241,36 @@ class Simulation:
 
         Args:
             until_ns: simulated time, ns. Further steps up to this time are made in the same call if
-                a compiled function can make them, which saves time. The call ends before a step
-                that involves a camera, a sensor, a listener or a controller in Python. The results
-                are identical to those of single steps.
+                a compiled function can make them. The call ends after a step in which a camera
+                acts, and before one that involves a sensor, a listener or a controller in Python.
+                The results are identical to those of single steps.
             compiled_controller: controller that runs in the compiled function.
         """
         start_ns, time_ns = self.time_ns, self.time_ns + self.step_ns
-        cameras = [camera for camera in self.cameras if camera.enabled]
-        sensors = [sensor for sensor in self.sensors if sensor.enabled]
-        for listener in (*cameras, *sensors, *self.grasps):
+        cameras, idle_ns = [], NEVER
+        for camera in self.cameras:
+            if camera.enabled:
+                cameras.append(camera)
+                idle_ns = min(idle_ns, camera.idle_until_ns)
+        sensors = [sensor for sensor in self.sensors if sensor.enabled] if self.sensors else ()
+        for listener in (*sensors, *self.grasps):
             until_ns = min(until_ns, listener.idle_until_ns)
-        cycles = None
-        if len(self.robots) == 1:
-            (robot,) = self.robots.values()
-            cycles = robot.start_cycles(
-                self.world, time_ns, max(until_ns, time_ns), self.step_ns, compiled_controller
-            )
+        # Cameras may act between compiled steps, unless Bullet makes its steps only afterwards.
+        until_ns = min(until_ns, idle_ns + (0 if self.world.has_bullet_steps else self.step_ns))
+        robots = list(self.robots.values())
+        cycles = None if len(robots) != 1 else robots[0].start_cycles(
+            self.world, time_ns, max(until_ns, time_ns), self.step_ns, compiled_controller
+        )  # fmt: skip
         if cycles is None:
-            for robot in self.robots.values():
+            for robot in robots:
                 robot.loop.step(time_ns)
-        for listener in (*cameras, *sensors):
+        for listener in (*sensors, *(cameras if cycles is None else ())):
             listener.before_step(start_ns, time_ns)
         if cycles is None:
             self.world.step()
             self.time_ns = time_ns
         else:
-            self.time_ns = cycles.run(start_ns)
+            self.time_ns = cycles.run(start_ns, idle_ns, cameras)
             cycles.finish(self.time_ns)
         for sensor in sensors:
             sensor.after_step(self.time_ns)
@@ -284,8 +281,10 @@ class Simulation:
         due = [camera for camera in cameras if camera.sensor.is_due(self.time_ns)]
         if due and self.before_images is not None:
             self.before_images(self.time_ns)
-        if due and any(light.lit_intervals is not None for light in self.lights.values()):
-            self._renderer.light = self.lighting
+        for light in self.lights.values() if due else ():
+            if light.lit_intervals is not None:
+                self._renderer.light = self.lighting
+                break
         for camera in due:
             camera.after_step(self.time_ns)
 

@@ -48,6 +48,7 @@ class World:
             which no joint connects to the rest, follows it as <model>::<root link of the part>.
         revision: number of changes of the models, such as spawns, deletions and resets. A copy of
             the scene is out of date when this number has changed.
+        has_bullet_steps: whether Bullet makes a step, too, in each time step.
         contact_forecast: decides which fixed-base models joint_dynamics.py steps instead of Bullet.
         resting_bases: free models at rest, whose bases are treated as fixed.
         attachments: fixed joints between links of different models.
@@ -63,7 +64,7 @@ class World:
         self.models: dict[str, Model] = {}
         self._own_dynamics_models: list[Model] = []
         self._bullet_models: list[Model] = []
-        self._bullet_steps = self._has_disabled_pairs = False
+        self.has_bullet_steps = self._has_disabled_pairs = False
         self.contact_forecast = ContactForecast(self.models, gui)
         self.revision = 0
         self._bullet = BulletClient(gui)
@@ -261,13 +262,13 @@ class World:
         self.contact_forecast.update(self.time_step)
         models = self.models.values()
         self._own_dynamics_models = [model for model in models if model.joints.has_own_dynamics]
-        self._bullet_steps = self._gui or any(
+        self.has_bullet_steps = self._gui or any(
             not (model.fixed_base and (model.body.is_asleep or not model.joint_names))
             for model in models)
         self._bullet_models = [
             model for model in models
-            if self._bullet_steps and model.needs_steps and not model.joints.has_own_dynamics]
-        if self._bullet_steps and not self._has_disabled_pairs:
+            if self.has_bullet_steps and model.needs_steps and not model.joints.has_own_dynamics]
+        if self.has_bullet_steps and not self._has_disabled_pairs:
             self._has_disabled_pairs = True
             disable_distant_pairs(list(models))
             self.attachments.disable_contacts()
@@ -291,12 +292,11 @@ class World:
             model.check_efforts()
         for model in self._own_dynamics_models:
             model.advance(dt)
-        bullet_steps = self._bullet_steps
-        if bullet_steps:
+        if self.has_bullet_steps:
             self._step_bullet(dt)
         if self.resting_bases.fixed_bases:
             self.resting_bases.check_support(dt, self.contact_forecast.is_base_touchable)
-        if bullet_steps and self.resting_bases.is_active:
+        if self.has_bullet_steps and self.resting_bases.is_active:
             self.resting_bases.detect_rest()
 
     def _step_bullet(self, dt: float) -> None:
@@ -353,7 +353,7 @@ class World:
         """
         model.joints.finish_steps(diverged_joint)
         self.contact_forecast.steps_until_update -= count
-        for _ in range(count if self._bullet_steps else 0):
+        for _ in range(count if self.has_bullet_steps else 0):
             self._step_bullet(self.time_step)
         if not is_base_supported:
             self.resting_bases.release_overload()

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from .base import JointListener
 
 
-@jit(f"i8, i8, i8, f8, i8[::1], i8, i8[:,::1], i8[::1], f8[::1], f8[::1], f8[:,:,::1], "
+@jit(f"i8, i8, i8, f8, i8[::1], i8, b1, i8[:,::1], i8[::1], f8[::1], f8[::1], f8[:,:,::1], "
      f"{CYCLE_TYPES}, Tuple(({PHYSICS_TYPES})), {LOOP_TYPE}")
 def run_cycles_with_loop(
     time_ns,
@@ -40,6 +40,7 @@ def run_cycles_with_loop(
     last_ns,
     due,
     taken,
+    has_command,
     measured,
     columns,
     commands,
@@ -61,6 +62,7 @@ def run_cycles_with_loop(
         last_ns: end of the run, after which the loop is not updated, ns.
         due: (m,) times of the joint states, ns.
         taken: number of joint states that have been processed.
+        has_command: whether the command of the last one must still be set.
         measured: (2, n) indices of the joints' positions and velocities in the flattened `handles`.
         columns: (k,) for each row of `loops`, the index of its joint among the loop's joints; n if
             the loop does not have this joint.
@@ -72,17 +74,27 @@ def run_cycles_with_loop(
 
     Returns:
         Six values: the time, ns; the number of processed joint states; why `run_cycles` stopped and
-        where (its second and third result); whether a command exceeds the limits; whether the
-        caller must still set the last command.
+        where (its second and third result); whether a command exceeds the limits; and
+        `has_command` for the next call.
     """
     flat, n = handles.reshape(handles.size), samples.shape[2]
     while time_ns < ends_ns:
-        next_ns = due[taken] if taken < len(due) else ends_ns
+        if has_command:
+            for k in range(len(columns)):
+                if columns[k] < n:
+                    commands[k] = samples[taken - 1, 2, columns[k]]
+            if set_loop_commands(loops, commands, time_ns + step_ns):
+                return time_ns, taken, ALL_MADE, -1, True, False
+        is_due = taken < len(due) and due[taken] <= ends_ns
+        next_ns = due[taken] if is_due else ends_ns
+        if next_ns == time_ns:  # Python has not yet processed the joint state of the last cycle
+            break
         made, end, bad = run_cycles(
             (next_ns - time_ns) // step_ns, time_ns, step_ns, loops, handles, drives, *physics
         )
         time_ns += made * step_ns
-        if end != ALL_MADE or taken == len(due) or time_ns > last_ns:
+        has_command = False
+        if end != ALL_MADE or not is_due or time_ns > last_ns:
             return time_ns, taken, end, bad, False, False
         sample = samples[taken]
         for i in range(n):
@@ -94,15 +106,8 @@ def run_cycles_with_loop(
         taken += 1
         for i in range(n):
             sample[2, i] = loop[LOOP_ROWS][SENT_VALUES, i]
-        if result == NEW_COMMAND and time_ns == ends_ns:
-            return time_ns, taken, ALL_MADE, -1, False, True
-        if result == NEW_COMMAND:
-            for k in range(len(columns)):
-                if columns[k] < n:
-                    commands[k] = sample[2, columns[k]]
-            if set_loop_commands(loops, commands, time_ns + step_ns):
-                return time_ns, taken, ALL_MADE, -1, True, False
-    return time_ns, taken, ALL_MADE, -1, False, False
+        has_command = result == NEW_COMMAND
+    return time_ns, taken, ALL_MADE, -1, False, has_command
 
 
 class CompiledArmController:
@@ -144,15 +149,24 @@ class CompiledArmController:
         self._joints = {name: k for k, name in enumerate(joints)}
         # Rows of the loops of the running controllers, and for each row the index of its joint.
         self._loops, self._columns = np.zeros((0, 0)), np.zeros(0, int)
+        self._commands = np.zeros(0)
 
-    def start_cycles(self, time_ns: int, until_ns: int) -> JointStateController | None:
+    def start_cycles(
+        self, time_ns: int, until_ns: int, step_ns: int
+    ) -> JointStateController | None:
         """Return the joint state controller if compiled code can make the next loop updates.
 
         Return None if Python code has to process the next joint states.
         """
         due = self._updates is not None and -inf < self._sampler.idle_until(time_ns) < until_ns
         self._state = self._updates.make_loop() if due else None
-        return None if self._state is None else self._sampler
+        if self._state is None:
+            return None
+        self._due = np.array(self._sampler.list_due_cycles(time_ns, until_ns, step_ns), int)
+        self._taken, self._has_command = 0, False
+        count = len(self._due)
+        self._stamps, self._samples = np.empty(count), np.empty((count, 3, self._count))
+        return self._sampler
 
     def run_cycles(
         self, count: int, time_ns: int, step_ns: int, loops: np.ndarray, handles: np.ndarray,
@@ -162,26 +176,28 @@ class CompiledArmController:
 
         The arguments and the result are those of `control_cycle.run_cycles`.
         """
-        ends_ns, last_ns, n = time_ns + count * step_ns, self._last_ns(), self._count
-        due = np.array(self._sampler.list_due_cycles(time_ns + step_ns, ends_ns, step_ns), int)
-        stamps, samples = np.empty(len(due)), np.empty((len(due), 3, n))
+        start_ns, ends_ns = time_ns, time_ns + count * step_ns
         if loops is not self._loops:
             names, self._loops = self._robot.loop.joint_names, loops
-            self._columns = np.array([self._joints.get(name, n) for name in names])
-        commands = np.full(len(loops), nan)
-        start_ns, taken, end, bad, is_beyond = time_ns, 0, ALL_MADE, -1, True
+            self._columns = np.array([self._joints.get(name, self._count) for name in names])
+            self._commands = np.full(len(loops), nan)
+        is_beyond = True
         while is_beyond:
-            time_ns, taken, end, bad, is_beyond, is_pending = run_cycles_with_loop(
-                time_ns, ends_ns, step_ns, last_ns, due, taken, self._measured, self._columns,
-                commands,
-                stamps, samples, loops, handles, drives, physics, self._state,
+            time_ns, self._taken, end, bad, is_beyond, self._has_command = run_cycles_with_loop(
+                time_ns, ends_ns, step_ns, self._last_ns(), self._due, self._taken,
+                self._has_command, self._measured, self._columns, self._commands, self._stamps,
+                self._samples, loops, handles, drives, physics, self._state,
             )  # fmt: skip
             if is_beyond:
-                self._robot.loop.warn_beyond_limits(commands, time_ns + step_ns)
-        if is_pending:
-            self._send(samples[taken - 1, 2])
-        stamps, samples = stamps[:taken].tolist(), samples[:taken]
+                self._robot.loop.warn_beyond_limits(self._commands, time_ns + step_ns)
+        return (time_ns - start_ns) // step_ns, end, bad
+
+    def end_cycles(self) -> None:
+        """Apply the results of the updates to the control loop."""
+        taken = self._taken
+        if self._has_command:
+            self._send(self._samples[taken - 1, 2])
+        stamps, samples = self._stamps[:taken].tolist(), self._samples[:taken]
         self._sampler.count_samples(taken)
         self._updates.apply_results(stamps, samples)
         self._listener.on_updates(stamps, samples)
-        return (time_ns - start_ns) // step_ns, end, bad

@@ -196,7 +196,8 @@ class DynamicArm(Plant):
                 if not target_model.is_static:
                     self._moving_models.append((target_model, model))
             self._tracked_link = tracked_link
-            self._record_target_pose()
+            if tracked_link is not None:
+                self._record_target_pose()
             self._labels = None
             if labelled_link:
                 self._labels = LabelSegmentation(labelled_link)
@@ -251,9 +252,10 @@ class DynamicArm(Plant):
             step = partial(self._step_moving_targets, step)
         if self._exposures:
             step = partial(self._step_exposing, step)
+        if self._tracked_link is not None:
+            step = partial(self._step_tracking, step)
         while not readings and simulation.time_ns < until_ns:
             step(until_ns)
-            self._record_target_pose()
         self._readings = []
         return readings
 
@@ -313,13 +315,16 @@ class DynamicArm(Plant):
         self.simulation.close()
 
     def _record_target_pose(self) -> None:
-        """Record the current pose of the target if it is a link of a model in the world."""
-        if self._tracked_link is None:
-            return
-        pose = self.simulation.world.models[self._tracked_link.model].link_pose(
-            self._tracked_link.link
-        )
-        self._tracked_link.pose_history.add(self.time_ns / NANOSECONDS, pose.matrix())
+        """Record the current pose of the target, which is a link of a model in the world."""
+        tracked = self._tracked_link
+        pose = self.simulation.world.models[tracked.model].link_pose(tracked.link)
+        tracked.pose_history.add(self.time_ns / NANOSECONDS, pose.matrix())
+
+    def _step_tracking(self, step: Callable[[int], None], until_ns: int) -> None:
+        """Make steps, and record the target's pose before and after a step with an exposure."""
+        image_ns = self.simulation.next_image_ns()
+        step(until_ns if image_ns is None else min(until_ns, image_ns - 1))
+        self._record_target_pose()
 
     def _step_recording_speeds(self, until_ns: int) -> None:
         self.simulation.step()
@@ -327,8 +332,7 @@ class DynamicArm(Plant):
 
     def _step_moving_targets(self, step: Callable[[int], None], until_ns: int) -> None:
         """Set moving targets and occluders to their poses at the end of the step, then step."""
-        simulation = self.simulation
-        time_ns = simulation.time_ns + simulation.step_ns
+        time_ns = self.simulation.time_ns + self.simulation.step_ns
         for target, model in self._moving_models:
             model.set_pose(target.compute_pose(time_ns / NANOSECONDS))
         step(time_ns)
@@ -361,8 +365,7 @@ class DynamicArm(Plant):
         if self._labels is not None and frame.segmentation is not None:
             mask = self._labels.make_mask(frame.segmentation)
         self._readings.append(Frame(
-            frame.stamp_ns, frame.image, frame.encoding, frame.depth, name=camera,
-            target_mask=mask,
+            frame.stamp_ns, frame.image, frame.encoding, frame.depth, name=camera, target_mask=mask,
         ))  # fmt: skip
 
 

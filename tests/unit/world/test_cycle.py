@@ -13,6 +13,7 @@ from aras_sim_bridge.control.pid import PidGains
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.errors import WorldError
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
+from aras_visual_servo_base.poses import Pose
 
 MS = 1_000_000
 LINK = ('<link name="{0}"><inertial><mass value="1"/><origin xyz="0.2 0 0"/><inertia ixx="0.02" '
@@ -202,16 +203,41 @@ def arrived(simulation):
     return simulation
 
 
-def test_ticks_in_a_row_end_before_a_picture():
+def test_ticks_in_a_row_end_with_a_picture():
     simulation = arrived(aras(cameras={"labrob": {"camera": {"update_rate": 15.0}}}))
     robot_of(simulation).manager.switch([], ["joint_state_controller"])
     simulation.step()
     (camera,) = simulation.cameras
     camera.enabled = True
-    for at in (302, 333):  # it begins to look; a picture falls at 333.3
+    for at in (302, 334):  # it begins to look; a picture falls at 333.3
         simulation.step(10_000 * MS)
         assert simulation.time_ns == at * MS
     simulation.close()
+
+
+PLATE = ('<robot name="plate"><link name="world"><visual><geometry><box size="0.1 0.1 0.01"/>'
+         '</geometry></visual></link><gazebo reference="world"><material>Gazebo/Red</material>'
+         '</gazebo></robot>')  # fmt: skip
+
+
+def test_pictures_between_ticks_in_a_row_are_those_of_single_ticks():
+    taken = []
+    for step in (one_by_one, together):
+        simulation = arrived(aras(cameras={"labrob": {"camera": {"update_rate": 70.0}}}))
+        for name in CONTROLLERS.values():
+            robot_of(simulation).command(name, 0.3)
+        (camera,) = simulation.cameras
+        optical = camera.model.link_pose(camera.link).matrix() @ camera.parent_T_optical
+        optical[:3, 3] += 0.3 * optical[:3, 2]
+        simulation.spawn(parse_urdf(PLATE), "plate", Pose.from_matrix(optical))
+        frames = []
+        camera.on_frame, camera.enabled = frames.append, True
+        while simulation.time_ns < 500 * MS:
+            step(simulation, 500 * MS)
+        simulation.close()
+        taken.append([(frame.stamp_ns, frame.image.tobytes()) for frame in frames])
+    assert taken[0] == taken[1]
+    assert len({image for _, image in taken[0]}) == 14
 
 
 class Shy(PidPositionController):

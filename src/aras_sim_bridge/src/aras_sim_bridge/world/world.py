@@ -265,9 +265,8 @@ class World:
         self.has_bullet_steps = self._gui or any(
             not (model.fixed_base and (model.body.is_asleep or not model.joint_names))
             for model in models)
-        self._bullet_models = [
-            model for model in models
-            if self.has_bullet_steps and model.needs_steps and not model.joints.has_own_dynamics]
+        self._bullet_models = [] if not self.has_bullet_steps else [
+            model for model in models if model.needs_steps and not model.joints.has_own_dynamics]
         if self.has_bullet_steps and not self._has_disabled_pairs:
             self._has_disabled_pairs = True
             disable_distant_pairs(list(models))
@@ -292,11 +291,12 @@ class World:
             model.check_efforts()
         for model in self._own_dynamics_models:
             model.advance(dt)
-        if self.has_bullet_steps:
+        bullet_steps = self.has_bullet_steps
+        if bullet_steps:
             self._step_bullet(dt)
         if self.resting_bases.fixed_bases:
             self.resting_bases.check_support(dt, self.contact_forecast.is_base_touchable)
-        if self.has_bullet_steps and self.resting_bases.is_active:
+        if bullet_steps and self.resting_bases.is_active:
             self.resting_bases.detect_rest()
 
     def _step_bullet(self, dt: float) -> None:

@@ -10,7 +10,6 @@ from scipy.stats import qmc
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.description import Geometry, Light
 from aras_sim_bridge.rendering import Lighting, View, create_renderer
-from aras_sim_bridge.rendering.shading import pack_colour
 from aras_sim_bridge.rendering.tiles import TILE
 
 PLACES = qmc.Sobol(4, seed=3).random(256)  # in a pixel, and on a light's disc
@@ -188,10 +187,7 @@ def expected(caster: Caster, model, view, light: Lighting, pixels, many) -> tupl
 def resolved(renderer, view):
     """Pixels (height, width) bool that are worked out from the areas of what covers them."""
     one = renderer.sample(view, 1.0, -0.5)
-    plain = one.canvas.shader.compute_uniform_colours(renderer.triangles, one.visible)
-    if renderer.light.lights:
-        plain[:] = 0
-    bits, _ = renderer.resolve(one, view, plain, pack_colour(*renderer.background))
+    bits, _ = renderer.resolve(one, view)
     tiles = one.canvas.tiles
     of = bits[:, None] >> np.arange(TILE * TILE, dtype=np.uint64) & np.uint64(1)
     of = of.reshape(tiles.rows, tiles.columns, TILE, TILE).swapaxes(1, 2)

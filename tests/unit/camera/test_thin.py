@@ -6,7 +6,6 @@ from scenes import BRIGHT, looking
 
 from aras_sim_bridge.description import Geometry
 from aras_sim_bridge.rendering import View, create_renderer
-from aras_sim_bridge.rendering.shading import pack_colour
 
 FOCAL = 100.0  # px; the eye is 1 m above what it looks at
 K = np.array([[FOCAL, 0, 23.5], [0, FOCAL, 19.5], [0, 0, 1.0]])
@@ -47,8 +46,7 @@ def strip_of(view, wide):
 def covered(renderer, view, body) -> float:
     """Area that a body covers, px, before anything is rounded."""
     one = renderer.sample(view, 1.0, -0.5)
-    uniform = one.canvas.shader.compute_uniform_colours(renderer.triangles, one.visible)
-    edges, fragments = renderer.resolve(one, view, uniform, pack_colour(*renderer.background))
+    edges, fragments = renderer.resolve(one, view)
     rows = renderer.triangles.row[one.visible.triangle]
     mine = renderer.scene.compute_labels()[rows] == body.body_id
     area = float(fragments.share[mine[fragments.member]].sum())

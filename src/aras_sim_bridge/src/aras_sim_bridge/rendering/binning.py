@@ -26,6 +26,7 @@ from .cones import (
     is_outside,
     is_within,
 )
+from .shading import pack_colour
 from .tiles import Tiles
 from .triangles import Triangles
 
@@ -41,6 +42,7 @@ class VisibleTriangles:
         side: (N, 3, 3) side vectors s0, s1, s2 in the optical frame, 1/m; see the top of
             binning.py.
         light: (N, 3) light at the corners.
+        colour: (N,) packed colour (see shading.py) of each triangle; 0 if its colour varies.
         cut: (N,) bool, whether the triangle crosses the near or far clip distance.
         opaque: (N,) bool, whether the triangle is opaque.
         cover: (tiles,) number of a triangle that covers the whole tile, or -1. It may hide other
@@ -54,6 +56,7 @@ class VisibleTriangles:
     corner: np.ndarray
     side: np.ndarray
     light: np.ndarray
+    colour: np.ndarray
     cut: np.ndarray
     opaque: np.ndarray
     cover: np.ndarray
@@ -75,7 +78,15 @@ class TileBinning:
         self._cut, self._opaque = np.empty(count, np.bool_), np.empty(count, np.bool_)
         self._corner, self._side = np.empty((count, 3, 3)), np.empty((count, 3, 3))
         self._light, self._plane, self._length2 = (np.empty((count, 3)) for _ in range(3))
-        self._capacity = 4096
+        self._colour = np.empty(count, np.uint32)
+        self._cover = self._start = np.empty(0, np.int64)
+        self._allocate_pairs(4096)
+
+    def _allocate_pairs(self, capacity: int) -> None:
+        """Make room for pairs of a triangle and a tile, unsorted and sorted."""
+        self._tile = np.empty(capacity, np.int64)
+        self._members = [np.empty(capacity, np.int64) for _ in range(2)]
+        self._fulls = [np.empty(capacity, np.bool_) for _ in range(2)]
 
     def find_visible(
         self,
@@ -95,46 +106,41 @@ class TileBinning:
             light: (2,) ambient light and diffuse light of the sun.
             near, far: clip distances along the axes of the tiles, m.
         """
-        g, c = self._triangles, self._triangles.clusters
+        g, c, tile_count = self._triangles, self._triangles.clusters, len(tiles.whole)
+        if len(self._cover) != len(tiles.nodes) or len(self._start) != tile_count + 1:
+            self._cover = np.empty(len(tiles.nodes), np.int64)
+            self._start = np.empty(tile_count + 1, np.int64)
         while True:
-            tile = np.empty(self._capacity, np.int64)
-            member, full = np.empty(self._capacity, np.int64), np.empty(self._capacity, np.bool_)
-            cover = np.full(len(tiles.nodes), -1)
             count, pairs = _bin(
                 optical_T_link, sun, light, c.first, c.count, c.row, c.centre, c.half, c.radius,
                 c.axis, c.cosine, c.height, c.opaque, c.quad, g.row_centre, g.row_half, g.corners,
-                g.normals, g.plane, tiles.nodes, tiles.levels, tiles.children,
+                g.normals, g.plane, g.albedo, g.layer, tiles.nodes, tiles.levels, tiles.children,
                 near * tiles.widest, far, self._triangle, self._corner, self._side, self._light,
-                self._cut, self._opaque, self._plane, self._length2, cover, tile, member, full,
+                self._colour, self._cut, self._opaque, self._plane, self._length2, self._cover,
+                self._tile, self._members[0], self._fulls[0], self._start, self._members[1],
+                self._fulls[1],
             )
-            if pairs <= self._capacity:
+            if pairs <= len(self._tile):
                 break
-            self._capacity = 2 * pairs
-        tile_count = tiles.rows * tiles.columns
-        start, member, full = _sort_by_tile(tile, member, full, pairs, tile_count)
+            self._allocate_pairs(2 * pairs)
         return VisibleTriangles(
-            self._triangle[:count],
-            self._corner[:count],
-            self._side[:count],
-            self._light[:count],
-            self._cut[:count],
-            self._opaque[:count],
-            cover[:tile_count],
-            start,
-            member,
-            full,
-        )
+            self._triangle[:count], self._corner[:count], self._side[:count], self._light[:count],
+            self._colour[:count], self._cut[:count], self._opaque[:count], self._cover[:tile_count],
+            self._start, self._members[1][:pairs], self._fulls[1][:pairs],
+        )  # fmt: skip
 
 
 @jit("f8[:,:,::1], f8[:,::1], f8[::1], i8[::1], i8[::1], i8[::1], f8[:,::1], f8[:,::1], "
           "f8[::1], f8[:,::1], f8[::1], f8[::1], b1[::1], b1[::1], f8[:,::1], f8[:,::1], "
-          "f8[:,:,::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[:,::1], f8[:,:,::1], f8, f8, "
-          "i8[::1], f8[:,:,::1], f8[:,:,::1], f8[:,::1], b1[::1], b1[::1], f8[:,::1], f8[:,::1], "
-          "i8[::1], i8[::1], i8[::1], b1[::1]")
+          "f8[:,:,::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], f8[:,::1], i8[:,::1], "
+          "f8[:,:,::1], f8, f8, i8[::1], f8[:,:,::1], f8[:,:,::1], f8[:,::1], u4[::1], b1[::1], "
+          "b1[::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], i8[::1], b1[::1], i8[::1], i8[::1], "
+          "b1[::1]")
 def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, height, opaque, quad,
-         row_centre, row_half, corners, normals, plane, nodes, levels, children, near, far,
-         out_triangle, out_corner, out_side, out_light, out_cut, out_opaque, planes, length2, cover,
-         out_tile, out_member, out_full):
+         row_centre, row_half, corners, normals, plane, albedo, layer, nodes, levels, children,
+         near, far, out_triangle, out_corner, out_side, out_light, out_colour, out_cut, out_opaque,
+         planes, length2, cover, out_tile, out_member, out_full, start, sorted_member,
+         sorted_full):
     """Write the visible triangles and their tiles to the output arrays; see VisibleTriangles.
 
     Return the number of triangles, and the number of pairs of a triangle and a tile that it
@@ -144,9 +150,12 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
         planes: work space for the planes of the triangles; points x of a plane fulfil plane . x =
             1.
         length2: work space for the squared lengths of the vectors in out_side.
-        cover: (M,) filled with -1. Receives, for each node of the tile tree, the number of a
-            triangle that covers all tiles of the node.
+        cover: (M,) receives, for each node of the tile tree, the number of a triangle that covers
+            all tiles of the node, or -1.
+        out_tile, out_member, out_full: work space for the unsorted pairs.
     """
+    for n in range(len(cover)):
+        cover[n] = -1
     visible = pairs = 0
     top = len(levels) - 1
     root = levels[top, 0]
@@ -241,6 +250,11 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
                 out_light[visible, k] = light[0] + light[1] * max(
                     normals[t, k, 0] * sun[r, 0] + normals[t, k, 1] * sun[r, 1]
                     + normals[t, k, 2] * sun[r, 2], 0.0)
+            lit, out_colour[visible] = out_light[visible, 0], 0
+            if layer[t] < 0 and lit == out_light[visible, 1] == out_light[visible, 2]:
+                out_colour[visible] = pack_colour(
+                    albedo[t, 0] * lit, albedo[t, 1] * lit, albedo[t, 2] * lit
+                )
             out_triangle[visible], out_opaque[visible] = t, opaque[c]
             g, place = (
                 (visible - first_visible) // VECTOR_WIDTH,
@@ -314,11 +328,11 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
                         touching &= touching - one
                         m = first_visible + k
                         full = crossing >> k & one == 0 and (covered or not out_cut[m])
-                        if full and opaque[c]:
+                        if opaque[c]:
                             order = 1 if own < 0 else compare_depth(planes, m, own, nodes, node)
-                            if order > 0:
+                            if full and order > 0:
                                 cover[node] = own = m
-                            if order != 0:
+                            if order < 0 or full and order > 0:
                                 continue
                         if level > 0:
                             remaining |= one << k
@@ -355,22 +369,26 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
                                     out_tile[pairs] = v * levels[0, 2] + u
                                     out_member[pairs], out_full[pairs] = above, True
                                 pairs += 1
+    if pairs <= len(out_tile):
+        _sort_by_tile(out_tile, out_member, out_full, pairs, start, sorted_member, sorted_full)
     return visible, pairs
 
 
-@jit("i8[::1], i8[::1], b1[::1], i8, i8")
-def _sort_by_tile(tile, member, full, pairs, tiles):
+@jit("i8[::1], i8[::1], b1[::1], i8, i8[::1], i8[::1], b1[::1]")
+def _sort_by_tile(tile, member, full, pairs, start, out_member, out_full):
     """Sort pairs, each of a `tile` and a triangle (`member`), first by tile and then by triangle.
 
-    Return start (tiles + 1,), member (pairs,) and full (pairs,), as in VisibleTriangles.
+    The results are written to start (tiles + 1,), out_member and out_full, the arrays `start`,
+    `member` and `full` of VisibleTriangles.
     """
-    start = np.zeros(tiles + 1, np.int64)
+    tiles = len(start) - 1
+    for n in range(tiles + 1):
+        start[n] = 0
     for n in range(pairs):
         start[tile[n] + 1] += 1
     for n in range(tiles):
         start[n + 1] += start[n]
     place = start.copy()
-    out_member, out_full = np.empty(pairs, np.int64), np.empty(pairs, np.bool_)
     for n in range(pairs):
         at = place[tile[n]]
         place[tile[n]] = at + 1
@@ -380,4 +398,3 @@ def _sort_by_tile(tile, member, full, pairs, tiles):
             out_member[at], out_full[at] = out_member[at - 1], out_full[at - 1]
             at -= 1
         out_member[at], out_full[at] = member[n], full[n]
-    return start, out_member, out_full

@@ -6,9 +6,8 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import jit, jit_inline
 
-from .pixel_visibility import BACKGROUND, NOTHING, SEVERAL
 from .shading import interpolate_light
-from .tiles import TILE
+from .tiles import BACKGROUND, NOTHING, SEVERAL, TILE
 
 # Smallest contrast of an edge, grey levels. Smaller differences are treated as smooth shading. If
 # an edge with less contrast is not found, the contour of a target with a contrast of 100 levels
@@ -37,8 +36,8 @@ def _find_triangle_at(tile, pixel, columns, v, u):
     return np.int64(pixel[v, u]) if whole == SEVERAL else whole
 
 
-@jit("i8[::1], i4[:,::1], i8[::1], i8[::1], b1[::1], u4[::1], i8[::1], i8[::1], u4, "
-          "f8[:,:,::1], f8[:,::1], f8[:,:,::1], b1[:,::1], i8, i8")
+@jit("i8[::1], i4[:,::1], i8[::1], i8[::1], b1[::1], u4[::1], i8[::1], i8[::1], i8[::1], u4, "
+          "f8[:,:,::1], f8[:,::1], f8[:,:,::1], b1[:,::1], i8, i8, u8[::1], u8[::1]")
 def find_corner_edges(
     tile,
     pixel,
@@ -46,6 +45,7 @@ def find_corner_edges(
     member,
     opaque,
     uniform,
+    triangle,
     smooth,
     part,
     sky,
@@ -55,12 +55,14 @@ def find_corner_edges(
     valid,
     cells,
     columns,
+    edges,
+    multi_part,
 ):
     """Find the pixels with edges from the samples at the pixel corners.
 
-    Return bit masks (2, tiles) uint64. The first row marks pixels whose corners show different
-    surfaces, and all pixels of tiles with transparent triangles. The second row marks pixels whose
-    corners show several visuals.
+    The results are bit masks (tiles,). `edges` marks pixels whose corners show different surfaces,
+    and all pixels of tiles with transparent triangles. `multi_part` marks pixels whose corners show
+    several visuals.
     """
     size, side_of = TILE // cells, TILE + 1
     # Smallest and largest light at the three corners of each triangle.
@@ -68,10 +70,10 @@ def find_corner_edges(
     for m in range(len(light)):
         dim[m, 0] = min(light[m, 0], light[m, 1], light[m, 2])
         dim[m, 1] = max(light[m, 0], light[m, 1], light[m, 2])
-    out = np.zeros((2, len(tile)), np.uint64)
     shown = np.empty(side_of * side_of, np.int64)
     neighbours = np.empty(3, np.int64)
     for n in range(len(tile)):
+        edges[n] = multi_part[n] = 0
         if tile[n] != SEVERAL:
             continue
         transparent = False
@@ -104,7 +106,9 @@ def find_corner_edges(
                     continue
                 for k in range(3):
                     other = neighbours[k]
-                    if other != m and (other < 0 or m < 0 or part[other] != part[m]):
+                    if other != m and (
+                        other < 0 or m < 0 or part[triangle[other]] != part[triangle[m]]
+                    ):
                         mixed |= np.uint64(1) << np.uint64(y * TILE + x)
                 edge = transparent or m == NOTHING
                 lit, known = 0.0, False
@@ -115,7 +119,9 @@ def find_corner_edges(
                         continue
                     if other == NOTHING:
                         edge = True
-                    elif m >= 0 and other >= 0 and smooth[m] == smooth[other] and smooth[m] >= 0:
+                    elif m >= 0 and other >= 0 and 0 <= smooth[triangle[m]] == (
+                        smooth[triangle[other]]
+                    ):
                         # Within a visual that has no texture, colours differ only by the light.
                         if (max(dim[m, 1], dim[other, 1]) - min(dim[m, 0], dim[other, 0])
                                 <= THRESHOLD / 255.0):
@@ -138,5 +144,4 @@ def find_corner_edges(
                         edge = one == 0 or two == 0 or has_contrast(one, two)
                 if edge:
                     bits |= np.uint64(1) << np.uint64(y * TILE + x)
-        out[0, n], out[1, n] = bits, mixed
-    return out
+        edges[n], multi_part[n] = bits, mixed

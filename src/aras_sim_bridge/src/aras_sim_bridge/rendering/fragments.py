@@ -34,11 +34,19 @@ class Fragments:
 
 
 class FragmentBuilder:
-    """Computes the fragments of images that have the same tiles."""
+    """Computes the fragments of images that have the same tiles.
+
+    The arrays of a result are overwritten by the next call.
+    """
 
     def __init__(self, tiles: Tiles) -> None:
         self._tiles = tiles
-        self._capacity = 4096
+        self._start = np.empty(1024, np.int64)
+        self._allocate_fragments(4096)
+
+    def _allocate_fragments(self, capacity: int) -> None:
+        self._member, self._share = np.empty(capacity, np.int64), np.empty(capacity)
+        self._at = np.empty((capacity, 2))
 
     def resolve(
         self,
@@ -46,19 +54,14 @@ class FragmentBuilder:
         visible: VisibleTriangles,
         samples: PixelSamples,
         edge_pixels: np.ndarray,
-        uniform: np.ndarray,
         near: float,
         far: float,
     ) -> Fragments:
-        """Return the visible parts of the triangles in the pixels `edge_pixels`.
-
-        `uniform` is described in triangle_edge_pixels.find_edges.
-        """
-        t = self._tiles
+        """Return the visible parts of the triangles in the pixels `edge_pixels`."""
+        t, pixel_count = self._tiles, len(edge_pixels)
+        if pixel_count >= len(self._start):
+            self._start = np.empty(2 * pixel_count, np.int64)
         while True:
-            room = self._capacity
-            start = np.empty(len(edge_pixels) + 1, np.int64)
-            member, share, at = np.empty(room, np.int64), np.empty(room), np.empty((room, 2))
             count = resolve_fragments(
                 edge_pixels,
                 samples.start,
@@ -69,7 +72,7 @@ class FragmentBuilder:
                 visible.side,
                 visible.cut,
                 visible.opaque,
-                uniform,
+                visible.colour,
                 visible.triangle,
                 triangles.hull,
                 t.matrices,
@@ -78,11 +81,14 @@ class FragmentBuilder:
                 t.columns,
                 near,
                 far,
-                start,
-                member,
-                share,
-                at,
+                self._start,
+                self._member,
+                self._share,
+                self._at,
             )
-            if count <= room:
-                return Fragments(edge_pixels, start, member[:count], share[:count], at[:count])
-            self._capacity = 2 * count
+            if count <= len(self._member):
+                return Fragments(
+                    edge_pixels, self._start[: pixel_count + 1], self._member[:count],
+                    self._share[:count], self._at[:count],
+                )  # fmt: skip
+            self._allocate_fragments(2 * count)

@@ -14,10 +14,7 @@ import numpy as np
 from aras_visual_servo_base.compiled import jit, jit_inline
 
 from .binning import VisibleTriangles
-from .tiles import TILE, Tiles
-
-# Values that a tile or pixel has instead of the index of one triangle.
-BACKGROUND, NOTHING, SEVERAL = -1, -2, -3
+from .tiles import BACKGROUND, NOTHING, SEVERAL, TILE, Tiles
 
 
 @dataclass
@@ -31,7 +28,6 @@ class PixelSamples:
         tile: (tiles,) value of all pixels of a tile; SEVERAL if they may have different values.
         pixel: (rows * TILE, columns * TILE) int32, value of each pixel, in tiles with the value
             SEVERAL.
-        most: value of most tiles.
         start, member, full: triangles that touch each tile with the value SEVERAL; lists as in
             VisibleTriangles.
         pixel_masks: (P,) uint64, bit mask of the pixels that each triangle in `member` may touch.
@@ -40,7 +36,6 @@ class PixelSamples:
 
     tile: np.ndarray
     pixel: np.ndarray
-    most: int
     start: np.ndarray
     member: np.ndarray
     full: np.ndarray
@@ -48,11 +43,21 @@ class PixelSamples:
 
 
 class PixelSampler:
-    """Samples images that have the same tiles."""
+    """Samples images that have the same tiles.
+
+    The arrays of a result are overwritten by the next call.
+    """
 
     def __init__(self, tiles: Tiles) -> None:
         self._tiles = tiles
+        count = len(tiles.whole)
+        self._tile, self._start = np.empty(count, np.int64), np.empty(count + 1, np.int64)
         self._pixel = np.empty((tiles.rows * TILE, tiles.columns * TILE), np.int32)
+        self._allocate_members(0)
+
+    def _allocate_members(self, capacity: int) -> None:
+        self._member, self._full = np.empty(capacity, np.int64), np.empty(capacity, np.bool_)
+        self._masks = np.empty(capacity, np.uint64)
 
     def sample(
         self, visible: VisibleTriangles, near: float, far: float, offset: float
@@ -65,25 +70,14 @@ class PixelSampler:
             offset: position of the samples, px to the right of the pixel centre and below it.
         """
         t = self._tiles
-        tile, most, start, member, full = _cull_tiles(
+        room = len(visible.member) + len(self._tile)
+        if room > len(self._member):
+            self._allocate_members(2 * room)
+        left = _sample(
             visible.cover,
             visible.start,
             visible.member,
             visible.full,
-            visible.side,
-            visible.opaque,
-            t.matrices,
-            t.axis,
-            t.nodes,
-            t.whole,
-            t.cells,
-        )
-        touched = np.empty(len(member), np.uint64)
-        left = _sample(
-            tile,
-            start,
-            member,
-            full,
             visible.corner,
             visible.side,
             visible.cut,
@@ -92,34 +86,38 @@ class PixelSampler:
             t.inverse,
             t.spread,
             t.axis,
+            t.nodes,
+            t.whole,
             t.cells,
             t.is_uniform,
             t.columns,
             near,
             far,
             offset,
+            self._tile,
+            self._start,
+            self._member,
+            self._full,
             self._pixel,
-            touched,
+            self._masks,
         )
         return PixelSamples(
-            tile, self._pixel, most, start, member[:left], full[:left], touched[:left]
-        )
+            self._tile, self._pixel, self._start, self._member[:left], self._full[:left],
+            self._masks[:left],
+        )  # fmt: skip
 
 
 @jit("i8[::1], i8[::1], i8[::1], b1[::1], f8[:,:,::1], b1[::1], f8[:,:,::1], f8[:,::1], "
-          "f8[:,::1], b1[::1], i8")
-def _cull_tiles(cover, start, member, full, side, opaque, matrices, axis, nodes, whole, cells):
+          "b1[::1], i8, i8[::1], i8[::1], i8[::1], b1[::1]")
+def _cull_tiles(cover, start, member, full, side, opaque, matrices, nodes, whole, cells, out,
+                new_start, new_member, new_full):
     """Remove triangles that are hidden in a whole tile.
 
-    Return the arrays tile, most, start, member and full of PixelSamples.
+    The results are written to out, new_start, new_member and new_full, the arrays `tile`, `start`,
+    `member` and `full` of PixelSamples.
     """
     tiles = len(whole)
-    out = np.empty(tiles, np.int64)
-    most_left = len(member) + tiles
-    new_start, new_member = np.empty(tiles + 1, np.int64), np.empty(most_left, np.int64)
-    new_full = np.empty(most_left, np.bool_)
     left = 0
-    most, votes = -1, 0
     per_tile, size = cells * cells, TILE // cells
     difference, rays = np.empty(3), np.empty((4, 3))
     for n in range(tiles):
@@ -178,15 +176,9 @@ def _cull_tiles(cover, start, member, full, side, opaque, matrices, axis, nodes,
                     left += 1
             one = left == new_start[n] + 1 and new_member[left - 1] == best
             out[n] = best if one else SEVERAL
-        if out[n] == BACKGROUND or out[n] >= 0:
-            if not whole[n]:
-                out[n] = SEVERAL
-            elif votes == 0:
-                most, votes = out[n], 1
-            else:
-                votes += 1 if out[n] == most else -1
+        if not whole[n] and (out[n] == BACKGROUND or out[n] >= 0):
+            out[n] = SEVERAL
     new_start[tiles] = left
-    return out, most, new_start, new_member[:left], new_full[:left]
 
 
 @jit_inline
@@ -215,15 +207,23 @@ def _find_box(corner, m, inverse, n):
 
 
 @jit("i8[::1], i8[::1], i8[::1], b1[::1], f8[:,:,::1], f8[:,:,::1], b1[::1], b1[::1], "
-          "f8[:,:,::1], f8[:,:,::1], f8[::1], f8[:,::1], i8, b1, i8, f8, f8, f8, i4[:,::1], "
-          "u8[::1]")
-def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inverse, spread, axis,
-            cells, is_uniform, columns, near, far, at, pixel, pixel_masks):
-    """Find the visible triangle at the sample of each pixel, in tiles with the value SEVERAL.
+          "f8[:,:,::1], f8[:,:,::1], f8[::1], f8[:,::1], f8[:,::1], b1[::1], i8, b1, i8, f8, f8, "
+          "f8, i8[::1], i8[::1], i8[::1], b1[::1], i4[:,::1], u8[::1]")
+def _sample(cover, all_start, all_member, all_full, corner, side, cut, opaque, matrices, inverse,
+            spread, axis, nodes, whole, cells, is_uniform, columns, near, far, at, tile, start,
+            member, full, pixel, pixel_masks):
+    """Find the visible triangle at the sample of each pixel.
 
-    Write it to `pixel`, and fill `pixel_masks`; see PixelSamples. Triangles that touch no pixel of
-    a tile are removed from the tile's list. Return the total length of the remaining lists.
+    The results are written to the last six arguments, which are the arrays of PixelSamples.
+    Triangles that touch no pixel of a tile are removed from the tile's list. Return the total
+    length of the remaining lists.
+
+    Args:
+        cover, all_start, all_member, all_full: the arrays `cover`, `start`, `member` and `full` of
+            VisibleTriangles.
     """
+    _cull_tiles(cover, all_start, all_member, all_full, side, opaque, matrices, nodes, whole, cells,
+                tile, start, member, full)
     size = TILE // cells
     # For each pixel of a tile: ray (3 rows), length of the ray along the tile's axis, inverse
     # distance and index of the nearest triangle. In a single array, the compiler knows that the

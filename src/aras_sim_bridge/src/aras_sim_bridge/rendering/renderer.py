@@ -18,11 +18,11 @@ from .fragments import FragmentBuilder, Fragments
 from .lamps import pack_lights
 from .pixel_visibility import PixelSampler, PixelSamples
 from .scene import Scene
-from .shading import Shader, pack_colour
+from .shading import Shader
 from .shadows import NO_IRRADIANCE, Irradiance, IrradianceSolver
-from .sky import MIDDLE, NO_SKY, draw_sky
+from .sky import NO_SKY, draw_sky
 from .tiles import Tiles
-from .triangle_edge_pixels import find_edges
+from .triangle_edge_pixels import EdgeFinder
 from .triangles import Triangles
 from .view import Lighting, View
 
@@ -39,7 +39,7 @@ class _Canvas:
     def __init__(self, tiles: Tiles) -> None:
         self.tiles = tiles
         self.sampler, self.shader = PixelSampler(tiles), Shader(tiles)
-        self.fragments = FragmentBuilder(tiles)
+        self.edges, self.fragments = EdgeFinder(tiles), FragmentBuilder(tiles)
         self.nbytes = tiles.nbytes + 8 * tiles.valid.size
 
 
@@ -84,11 +84,6 @@ class Renderer:
         self._scene_version = -1
         self._closed = False
 
-    @property
-    def background(self) -> np.ndarray:
-        """Colour (3,) of pixels without a surface, rgb, 0 to 255."""
-        return 255.0 * np.array(MIDDLE if self.light.sky else self.light.background[:3])
-
     def snapshot(self) -> None:
         """Store the present poses. Images with `blend` < 1 interpolate from these poses."""
         self.scene.snapshot()
@@ -123,21 +118,17 @@ class Renderer:
         The next call overwrites the image.
         """
         one = self.sample(view, blend, UPPER_LEFT)
-        canvas, triangles = one.canvas, self.triangles
-        uniform = canvas.shader.compute_uniform_colours(triangles, one.visible)
-        if self.light.lights:
-            uniform[:] = 0
-        background = self.background
-        packed_background = pack_colour(*background.tolist())
-        edges, fragments = self.resolve(one, view, uniform, packed_background)
-        light = self._compute_irradiance(one, view, edges, fragments)
-        sky = NO_SKY
-        if self.light.sky:
+        canvas, light = one.canvas, self.light
+        edges, fragments = self.resolve(one, view)
+        irradiance, sky = NO_IRRADIANCE, NO_SKY
+        if light.lights:
+            irradiance = self._compute_irradiance(one, view, edges, fragments)
+        if light.sky:
             sky = draw_sky(canvas.tiles, view.world_T_optical)
-        packed_image = canvas.shader.draw_samples(
-            triangles, one.visible, one.samples, uniform, packed_background, edges, light, sky)
-        canvas.shader.blend_fragments(
-            triangles, one.visible, fragments, background, light, sky, packed_image)
+        packed_image = canvas.shader.draw(
+            self.triangles, one.visible, one.samples, edges, fragments, light.background_levels,
+            light.packed_background, irradiance, sky,
+        )  # fmt: skip
         rgba = packed_image.view(np.uint8).reshape(*packed_image.shape, 4)
         return rgba[:view.height, :view.width]
 
@@ -179,32 +170,28 @@ class Renderer:
             canvas.tiles, optical_T_link,
             light.to_sun @ world_T_link[:, :3, :3],
             light.sun_levels, view.near, view.far)
+        if light.lights:
+            visible.colour[:] = 0
         samples = canvas.sampler.sample(visible, view.near, view.far, offset)
         return SampledView(canvas, visible, samples, optical_T_link)
 
-    def resolve(
-        self, sampled: SampledView, view: View, uniform: np.ndarray, background: np.uint32
-    ) -> tuple[np.ndarray, Fragments]:
+    def resolve(self, sampled: SampledView, view: View) -> tuple[np.ndarray, Fragments]:
         """Find the pixels with edges, and compute the visible parts (fragments) of their triangles.
 
         Args:
             sampled: samples of the view.
             view: the view.
-            uniform: see triangle_edge_pixels.find_edges.
-            background: packed colour of the background.
 
         Returns:
-            Bit masks of the pixels with edges (see triangle_edge_pixels.find_edges), and their
-            fragments.
+            Bit masks of the pixels with edges (see EdgeFinder.find), and their fragments.
         """
-        g, one, canvas = self.triangles, sampled, sampled.canvas
-        smooth = g.facets if self.light.lights else g.smooth
-        smooth, part = smooth[one.visible.triangle], g.part[one.visible.triangle]
-        edges, edge_pixels = find_edges(
-            canvas.tiles, one.visible, one.samples, uniform, smooth, part, background, view.near,
-            view.far)
+        g, one, canvas, light = self.triangles, sampled, sampled.canvas, self.light
+        edges, edge_pixels = canvas.edges.find(
+            g, one.visible, one.samples, g.facets if light.lights else g.smooth,
+            light.packed_background, view.near, view.far,
+        )  # fmt: skip
         fragments = canvas.fragments.resolve(
-            g, one.visible, one.samples, edge_pixels, uniform, view.near, view.far)
+            g, one.visible, one.samples, edge_pixels, view.near, view.far)
         return edges, fragments
 
     def find_bodies_around(self, point: np.ndarray) -> list[str]:
@@ -220,10 +207,8 @@ class Renderer:
     def _compute_irradiance(
         self, sampled: SampledView, view: View, edges: np.ndarray, fragments: Fragments
     ) -> Irradiance:
-        """Return the irradiance from all lights; empty arrays if there is only the sun."""
+        """Return the irradiance from all lights, of which there is at least one."""
         light = self.light
-        if not light.lights:
-            return NO_IRRADIANCE
         lamps = pack_lights(light.lights, view.optical_T_world, light.scale, light.shadows)
         return self._illumination.compute_irradiance(
             sampled.canvas.tiles, sampled.visible, sampled.samples, edges, fragments,

@@ -9,17 +9,21 @@ and 255. Pixels outside the image circle of a lens are 0.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from aras_visual_servo_base.compiled import jit, jit_inline
 
-from .binning import VisibleTriangles
-from .fragments import Fragments
-from .pixel_visibility import BACKGROUND, NOTHING, PixelSamples
-from .shadows import Irradiance
 from .textures import apply_texture, map_texture
-from .tiles import TILE, Tiles
-from .triangles import Triangles
+from .tiles import BACKGROUND, NOTHING, TILE, Tiles
+
+if TYPE_CHECKING:
+    from .binning import VisibleTriangles
+    from .fragments import Fragments
+    from .pixel_visibility import PixelSamples
+    from .shadows import Irradiance
+    from .triangles import Triangles
 
 
 class Shader:
@@ -29,50 +33,38 @@ class Shader:
         self._tiles = tiles
         self._packed_image = np.empty((tiles.rows * TILE, tiles.columns * TILE), np.uint32)
 
-    def compute_uniform_colours(
-        self, triangles: Triangles, visible: VisibleTriangles
-    ) -> np.ndarray:
-        """Return the packed colours (N,) of the visible triangles; 0 if the colour varies."""
-        return _compute_uniform_colours(
-            visible.triangle, visible.light, triangles.albedo, triangles.layer
-        )
-
-    def draw_samples(
+    def draw(
         self,
         triangles: Triangles,
         visible: VisibleTriangles,
         samples: PixelSamples,
-        uniform: np.ndarray,
-        sky: np.uint32,
         edges: np.ndarray,
+        fragments: Fragments,
+        background: np.ndarray,
+        sky: np.uint32,
         light: Irradiance,
         backdrop: np.ndarray,
     ) -> np.ndarray:
-        """Shade all pixels without edges. The next image overwrites the returned array.
+        """Return the packed image. The next call overwrites it.
 
         Args:
             triangles: triangles of the scene.
-            visible, samples: visible triangles, and the one that each pixel shows.
-            uniform: (N,) packed colour of each visible triangle; 0 if its colour varies.
-            sky: packed colour of the background.
+            visible, samples: visible triangles, and the one that each pixel shows. If there are
+                several lights, VisibleTriangles.colour must be 0.
             edges: bit masks of the pixels with edges.
-            light: irradiance from several lights; empty if there is only the sun. If it is not
-                empty, `uniform` must be 0.
+            fragments: visible parts of the triangles in these pixels.
+            background: colour (3,) of the background, rgb 0..255.
+            sky: packed colour of the background.
+            light: irradiance from several lights; empty if there is only the sun.
             backdrop: packed colour of the background at each pixel; if it is empty, the background
-                is `sky`.
+                has the same colour everywhere.
         """
-        t, g = self._tiles, triangles
-        if samples.most == BACKGROUND:
-            if not len(backdrop):
-                self._packed_image.fill(sky)
-        elif uniform[samples.most]:
-            self._packed_image.fill(uniform[samples.most])
+        t, g, f = self._tiles, triangles, fragments
         _draw_samples(
             samples.tile,
             samples.pixel,
-            samples.most,
             edges,
-            uniform,
+            visible.colour,
             sky,
             visible.triangle,
             visible.side,
@@ -89,24 +81,6 @@ class Shader:
             backdrop,
             self._packed_image,
         )
-        return self._packed_image
-
-    def blend_fragments(
-        self,
-        triangles: Triangles,
-        visible: VisibleTriangles,
-        fragments: Fragments,
-        background: np.ndarray,
-        light: Irradiance,
-        backdrop: np.ndarray,
-        packed_image: np.ndarray,
-    ) -> None:
-        """Compute the colours of the pixels with edges from their fragments.
-
-        The colours are written to `packed_image`. If the backdrop is empty, the background has the
-        colour `background` (3,), rgb 0..255.
-        """
-        g, t, f = triangles, self._tiles, fragments
         _blend_fragments(
             f.pixel,
             f.start,
@@ -126,8 +100,9 @@ class Shader:
             background,
             light.fragments,
             backdrop,
-            packed_image,
+            self._packed_image,
         )
+        return self._packed_image
 
 
 @jit("f8, f8, f8")
@@ -137,18 +112,6 @@ def pack_colour(red, green, blue):
     g = np.uint32(np.rint(min(max(green, 0.0), 255.0)))
     b = np.uint32(np.rint(min(max(blue, 0.0), 255.0)))
     return np.uint32(r | (g << np.uint32(8)) | (b << np.uint32(16)) | np.uint32(0xFF000000))
-
-
-@jit("i8[::1], f8[:,::1], f8[:,::1], i8[::1]")
-def _compute_uniform_colours(triangle, light, albedo, layer):
-    out = np.zeros(len(triangle), np.uint32)
-    for n in range(len(triangle)):
-        t, lit = triangle[n], light[n]
-        if layer[t] < 0 and lit[0] == lit[1] and lit[1] == lit[2]:
-            out[n] = pack_colour(
-                albedo[t, 0] * lit[0], albedo[t, 1] * lit[0], albedo[t, 2] * lit[0]
-            )
-    return out
 
 
 @jit_inline
@@ -175,13 +138,12 @@ def _find_light(matrices, c, side, light, m, x, y):
     return interpolate_light(side, light, m, rx, ry, rz)
 
 
-@jit("i8[::1], i4[:,::1], i8, u8[::1], u4[::1], u4, i8[::1], f8[:,:,::1], f8[:,::1], "
+@jit("i8[::1], i4[:,::1], u8[::1], u4[::1], u4, i8[::1], f8[:,:,::1], f8[:,::1], "
           "f8[:,::1], i8[::1], f8[:,:,::1], u8[::1], f8[:,:,::1], b1[:,::1], i8, i8, f4[:,:,::1], "
           "u4[:,::1], u4[:,::1]")
 def _draw_samples(
     tile,
     pixel,
-    most,
     edges,
     uniform,
     sky,
@@ -214,7 +176,7 @@ def _draw_samples(
                 for y in range(TILE):
                     for x in range(TILE):
                         packed_image[v + y, u + x] = backdrop[v + y, u + x]
-            elif one != most:
+            else:
                 packed_image[v:v + TILE, u:u + TILE] = sky if one == BACKGROUND else uniform[one]
             continue
         for y in range(TILE):

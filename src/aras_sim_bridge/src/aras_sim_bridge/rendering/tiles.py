@@ -18,6 +18,8 @@ from aras_visual_servo_base.memory import ByteLimitedCache
 from ..errors import RenderingError
 
 TILE = 8  # side of a tile, px
+# Values that a tile or pixel has instead of the index of one triangle.
+BACKGROUND, NOTHING, SEVERAL = -1, -2, -3
 # Largest distance between the approximated and the exact position of a pixel, px. The errors at the
 # centre and at the corners of a cell have opposite signs, so that they largely cancel in a mean
 # over many pixels (measured in tests/benchmarks/render.py).

@@ -16,85 +16,85 @@ from aras_visual_servo_base.compiled_bits import lowest_bit
 
 from .binning import VisibleTriangles
 from .corner_edges import find_corner_edges, has_contrast
-from .pixel_visibility import SEVERAL, PixelSamples
+from .pixel_visibility import PixelSamples
 from .polygon_areas import COPLANAR_TOLERANCE
-from .tiles import TILE, Tiles
+from .tiles import SEVERAL, TILE, Tiles
+from .triangles import Triangles
 
 
-def find_edges(
-    tiles: Tiles,
-    visible: VisibleTriangles,
-    samples: PixelSamples,
-    uniform: np.ndarray,
-    smooth: np.ndarray,
-    part: np.ndarray,
-    sky: np.uint32,
-    near: float,
-    far: float,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pixels with edges, both as bit masks and as a list.
+class EdgeFinder:
+    """Finds the pixels with edges in images that have the same tiles.
 
-    Args:
-        tiles: tiles of the image.
-        visible: visible triangles.
-        samples: samples at the upper left corners of the pixels.
-        uniform: (N,) packed colour of each visible triangle; 0 if its colour varies.
-        smooth: (N,) Triangles.smooth of the visible triangles; Triangles.facets instead if there
-            are several lights.
-        part: (N,) Triangles.part of the visible triangles.
-        sky: packed colour of the background.
-        near, far: clip distances, m.
-
-    Returns:
-        Bit masks (tiles,) uint64, in which bit row * TILE + column is set if the pixel of the tile
-        contains an edge; and the numbers (P,) of these pixels, row * width + column in the image
-        enlarged to whole tiles, ordered by tile, and within a tile by cell (see Tiles).
+    The arrays of a result are overwritten by the next call.
     """
-    t = tiles
-    edges, mixed = find_corner_edges(
-        samples.tile,
-        samples.pixel,
-        samples.start,
-        samples.member,
-        visible.opaque,
-        uniform,
-        smooth,
-        part,
-        sky,
-        visible.side,
-        visible.light,
-        t.matrices,
-        t.valid,
-        t.cells,
-        t.columns,
-    )
-    edges |= _find_thin_edges(
-        edges,
-        mixed,
-        samples.tile,
-        samples.pixel,
-        samples.start,
-        samples.member,
-        samples.full,
-        samples.pixel_masks,
-        uniform,
-        smooth,
-        sky,
-        visible.side,
-        visible.cut,
-        t.matrices,
-        t.axis,
-        t.valid,
-        t.cells,
-        t.columns,
-        near,
-        far,
-    )
-    return edges, _list_pixels(edges, t.cells, t.columns)
+
+    def __init__(self, tiles: Tiles) -> None:
+        self._tiles = tiles
+        self._edges, self._multi_part = (np.empty(len(tiles.whole), np.uint64) for _ in range(2))
+        self._pixels = np.empty(1024, np.int64)
+
+    def find(
+        self,
+        triangles: Triangles,
+        visible: VisibleTriangles,
+        samples: PixelSamples,
+        smooth: np.ndarray,
+        sky: np.uint32,
+        near: float,
+        far: float,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the pixels with edges, both as bit masks and as a list.
+
+        Args:
+            triangles: triangles of the scene.
+            visible: visible triangles.
+            samples: samples at the upper left corners of the pixels.
+            smooth: Triangles.smooth; Triangles.facets instead if there are several lights.
+            sky: packed colour of the background.
+            near, far: clip distances, m.
+
+        Returns:
+            Bit masks (tiles,) uint64, in which bit row * TILE + column is set if the pixel of the
+            tile contains an edge; and the numbers (P,) of these pixels, row * width + column in the
+            image enlarged to whole tiles, ordered by tile, and within a tile by cell (see Tiles).
+        """
+        t = self._tiles
+        while True:
+            count = _find_edges(
+                samples.tile,
+                samples.pixel,
+                samples.start,
+                samples.member,
+                samples.full,
+                samples.pixel_masks,
+                visible.opaque,
+                visible.colour,
+                visible.triangle,
+                smooth,
+                triangles.part,
+                sky,
+                visible.side,
+                visible.light,
+                visible.cut,
+                t.matrices,
+                t.axis,
+                t.valid,
+                t.cells,
+                t.columns,
+                near,
+                far,
+                self._edges,
+                self._multi_part,
+                self._pixels,
+            )
+            if count <= len(self._pixels):
+                return self._edges, self._pixels[:count]
+            self._pixels = np.empty(2 * count, np.int64)
 
 
 @jit("u8[::1], u8[::1], i8[::1], i4[:,::1], i8[::1], i8[::1], b1[::1], u8[::1], u4[::1], "
-          "i8[::1], u4, f8[:,:,::1], b1[::1], f8[:,:,::1], f8[:,::1], b1[:,::1], i8, i8, f8, f8")
+          "i8[::1], i8[::1], u4, f8[:,:,::1], b1[::1], f8[:,:,::1], f8[:,::1], b1[:,::1], i8, i8, "
+          "f8, f8")
 def _find_thin_edges(
     edges,
     multi_part,
@@ -105,6 +105,7 @@ def _find_thin_edges(
     full,
     pixel_masks,
     uniform,
+    triangle,
     smooth,
     sky,
     side,
@@ -120,16 +121,15 @@ def _find_thin_edges(
     """Find edges inside pixels, which the samples at the pixel corners do not show.
 
     A pixel has such an edge if a surface of another colour is in front of the surfaces at its
-    corners, or if the background may be visible through a gap between two visuals. Return bit masks
-    (tiles,) uint64.
+    corners, or if the background may be visible through a gap between two visuals. These pixels are
+    added to the bit masks `edges`.
     """
     size, one = TILE // cells, np.uint64(1)
-    out = np.zeros(len(tile), np.uint64)
     # For each triangle, a number that identifies its colour. Triangles with the same number have
     # the same colour, or belong to the same visual without texture.
     colour = np.empty(len(uniform))
     for m in range(len(uniform)):
-        own = smooth[m] if smooth[m] >= 0 else len(uniform) + m
+        own = smooth[triangle[m]] if smooth[triangle[m]] >= 0 else len(smooth) + m
         colour[m] = float(uniform[m]) if uniform[m] != 0 else -2.0 - own
     longest = 1
     for n in range(len(tile)):
@@ -145,7 +145,7 @@ def _find_thin_edges(
         if tile[n] != SEVERAL or edges[n] == ~np.uint64(0):
             continue
         u0, v0 = TILE * (n % columns), TILE * (n // columns)
-        first = start[n]
+        first, found = start[n], np.uint64(0)
         has_backing = False
         for k in range(first, start[n + 1]):
             has_backing |= full[k]
@@ -188,7 +188,7 @@ def _find_thin_edges(
                             and m >= 0
                             and (name < 0.0 or has_contrast(np.uint32(name), sky))
                         ):
-                            out[n] |= bit
+                            found |= bit
                             continue
                     elif m >= 0:
                         k = place[m]
@@ -202,7 +202,7 @@ def _find_thin_edges(
             if pixels == 0:
                 continue
             for k in range(start[n + 1] - first):
-                bits = pixel_masks[first + k] & pixels & ~out[n]
+                bits = pixel_masks[first + k] & pixels & ~found
                 if bits == 0:
                     continue
                 m = member[first + k]
@@ -272,16 +272,17 @@ def _find_thin_edges(
                                 <= COPLANAR_TOLERANCE * work[0, y, x]
                             ):
                                 continue
-                        out[n] |= bit
-    return out
+                        found |= bit
+        edges[n] |= found
 
 
-@jit("u8[::1], i8, i8")
-def _list_pixels(edges, cells, columns):
-    """Return the numbers (P,) of the pixels that are set in the bit masks `edges`.
+@jit("u8[::1], i8, i8, i8[::1]")
+def _list_pixels(edges, cells, columns, out):
+    """Write the numbers of the pixels that are set in the bit masks `edges` to `out`.
 
     The number of a pixel is row * width + column. The numbers are ordered by tile, and within a
-    tile by cell, of which there are `cells` x `cells`.
+    tile by cell, of which there are `cells` x `cells`. Return how many there are; if `out` has no
+    room for them, nothing is written.
     """
     size, width = TILE // cells, TILE * columns
     one = np.uint64(1)
@@ -291,7 +292,8 @@ def _list_pixels(edges, cells, columns):
         while bits != 0:
             bits &= bits - one
             found += 1
-    out = np.empty(found, np.int64)
+    if found > len(out):
+        return found
     found = 0
     for n in range(len(edges)):
         if edges[n] == 0:
@@ -308,4 +310,22 @@ def _list_pixels(edges, cells, columns):
                     out[found] = first + y * width + x
                     found += 1
                 bits >>= one
-    return out
+    return found
+
+
+@jit("i8[::1], i4[:,::1], i8[::1], i8[::1], b1[::1], u8[::1], b1[::1], u4[::1], i8[::1], i8[::1], "
+          "i8[::1], u4, f8[:,:,::1], f8[:,::1], b1[::1], f8[:,:,::1], f8[:,::1], b1[:,::1], i8, "
+          "i8, f8, f8, u8[::1], u8[::1], i8[::1]")
+def _find_edges(tile, pixel, start, member, full, pixel_masks, opaque, uniform, triangle, smooth,
+                part, sky, side, light, cut, matrices, axis, valid, cells, columns, near, far,
+                edges, multi_part, pixels):
+    """Write the pixels with edges to the last three arguments; see EdgeFinder.
+
+    Return the number of these pixels; if it exceeds the length of `pixels`, they are not listed.
+    """
+    find_corner_edges(tile, pixel, start, member, opaque, uniform, triangle, smooth, part, sky,
+                      side, light, matrices, valid, cells, columns, edges, multi_part)
+    _find_thin_edges(edges, multi_part, tile, pixel, start, member, full, pixel_masks, uniform,
+                     triangle, smooth, sky, side, cut, matrices, axis, valid, cells, columns, near,
+                     far)
+    return _list_pixels(edges, cells, columns, pixels)

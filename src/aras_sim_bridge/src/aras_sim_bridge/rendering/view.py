@@ -12,6 +12,8 @@ from aras_visual_servo_base.poses import inverse
 
 from ..description.types import Light, Rgba
 from ..errors import RenderingError
+from .shading import pack_colour
+from .sky import MIDDLE
 from .tiles import Tiles, get_shared_tiles
 
 
@@ -100,6 +102,16 @@ class Lighting:
     tint: tuple[float, float, float] = (1.0, 1.0, 1.0)
     sky: bool = False
     reference_white_level: float | None = None
+
+    @cached_property
+    def background_levels(self) -> np.ndarray:
+        """Colour (3,) of pixels without a surface, rgb, 0 to 255."""
+        return 255.0 * np.array(MIDDLE if self.sky else self.background[:3])
+
+    @cached_property
+    def packed_background(self) -> np.uint32:
+        """Packed colour of pixels without a surface; see shading.py."""
+        return pack_colour(*self.background_levels.tolist())
 
     @property
     def white_level(self) -> float:

@@ -41,6 +41,8 @@ def blend_poses(before_p, before_q, p, q, blend):
 
 def blend_pose(before: np.ndarray, now: np.ndarray, blend: float) -> np.ndarray:
     """Interpolate between two poses (4, 4); `blend` is 0 at `before` and 1 at `now`."""
-    first, second = ((T[None, :3, 3].copy(), np.array([quaternion_from_matrix(T[:3, :3].tolist())]))
-                     for T in (before, now))
-    return blend_poses(*first, *second, blend)[0]
+    p, q = np.array((before[None, :3, 3], now[None, :3, 3])), np.empty((2, 1, 4))
+    q[0], q[1] = quaternion_from_matrix(before[:3, :3].tolist()), quaternion_from_matrix(
+        now[:3, :3].tolist()
+    )
+    return blend_poses(p[0], q[0], p[1], q[1], blend)[0]

@@ -86,7 +86,7 @@ class DetectionPipeline:
 
     def set_camera(self, camera: CameraModel) -> None:
         """Use the given intrinsics from the next image on."""
-        if camera != self.camera:
+        if camera is not self.camera and camera != self.camera:
             if camera.is_distorted:
                 # compute the lens tables now, so that the next image is not delayed
                 _ = camera.tables

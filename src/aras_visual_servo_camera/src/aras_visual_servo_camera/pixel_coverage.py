@@ -67,13 +67,14 @@ def _compute_coverage(
     element = _make_square(band)
     around = cv2.dilate(inside, element)
     core = cv2.erode(inside, element, borderType=cv2.BORDER_REPLICATE)
-    bg, fg = _measure_levels(image, around, core)
+    weights = np.empty(image.shape)
+    bg, fg = _compute_weights(image, around, core, weights)
     if abs(bg - fg) < 1.0:
         raise SegmentationError(
             f"the target has no contrast to its surroundings: both have the grey level {bg:.0f}; "
             "use another background, or change the exposure"
         )
-    return _compute_weights(image, around, core, bg, fg), (left, top)
+    return weights, (left, top)
 
 
 def _compute_local_coverage(image: Mask, inside: Mask) -> NDArray[np.float64]:
@@ -106,7 +107,7 @@ def _make_square(band: int) -> Mask:
     return cv2.getStructuringElement(cv2.MORPH_RECT, (2 * band + 1, 2 * band + 1))
 
 
-@jit("u1[:,:], u1[:,:], u1[:,:]")
+@jit("u1[:,:], u1[:,:], u1[:,:]", allocates=False)
 def _measure_levels(image, around, core):
     """Return the mean grey levels of the background and of the target.
 
@@ -119,36 +120,38 @@ def _measure_levels(image, around, core):
         around: (rows, columns) zero on the background, nonzero in the band and on the target.
         core: (rows, columns) nonzero on the target without the band.
     """
-    counts, sums = np.zeros(2, np.int64), np.zeros(2, np.int64)
+    bg_count = fg_count = bg_sum = fg_sum = np.int64(0)
     highest, lowest = 0, 255
     for row in range(image.shape[0]):
         for column in range(image.shape[1]):
             level = np.int64(image[row, column])
             highest, lowest = max(highest, level), min(lowest, level)
             if not around[row, column]:
-                counts[0] += 1
-                sums[0] += level
+                bg_count += 1
+                bg_sum += level
             elif core[row, column]:
-                counts[1] += 1
-                sums[1] += level
-    bg = sums[0] / counts[0] if counts[0] else float(highest)
-    fg = sums[1] / counts[1] if counts[1] else float(lowest)
+                fg_count += 1
+                fg_sum += level
+    bg = bg_sum / bg_count if bg_count else float(highest)
+    fg = fg_sum / fg_count if fg_count else float(lowest)
     return bg, fg
 
 
-@jit("u1[:,:], u1[:,:], u1[:,:], f8, f8")
-def _compute_weights(image, around, core, bg, fg):
-    """Return the weight (rows, columns) of each pixel, i.e. the fraction that the target covers.
+@jit("u1[:,:], u1[:,:], u1[:,:], f8[:,::1]", allocates=False)
+def _compute_weights(image, around, core, weights):
+    """Compute the weight of each pixel, i.e. the fraction that the target covers.
 
     The weight is 1 where `core` is nonzero, and 0 where `around` is zero. In the band between them,
-    it is (bg - I) / (bg - fg), where I is the grey level of the pixel in `image`.
+    it is (bg - I) / (bg - fg), where I is the grey level of the pixel in `image`. The weights are
+    written to `weights` (rows, columns). Return bg and fg, the results of `_measure_levels`.
     """
-    of_level = (bg - np.arange(256.0)) / (bg - fg)
-    weights = np.zeros(image.shape)
+    bg, fg = _measure_levels(image, around, core)
     for row in range(image.shape[0]):
         for column in range(image.shape[1]):
+            weight = 0.0
             if core[row, column]:
-                weights[row, column] = 1.0
+                weight = 1.0
             elif around[row, column]:
-                weights[row, column] = of_level[image[row, column]]
-    return weights
+                weight = (bg - float(image[row, column])) / (bg - fg)
+            weights[row, column] = weight
+    return bg, fg

@@ -7,6 +7,7 @@ column 0 and the row 0. A box is (column, row, width, height).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import compress
 from typing import Any
 
 import cv2
@@ -210,7 +211,8 @@ def segment(
         )
     if box[2] == 0:
         return SegmentedTarget(mask, NO_BOX, 0, level, (), reason)
-    count = cv2.countNonZero(mask[_make_slices(box)])
+    column, row, width, height = box
+    count = cv2.countNonZero(mask[row : row + height, column : column + width])
     unusable = _explain_unusable(count, box, mask, settings)
     return SegmentedTarget(
         mask, box, count, level, find_touched_borders(box, mask.shape), unusable, component_count,
@@ -253,13 +255,8 @@ def _make_slices(box: Box) -> tuple[slice, slice]:
 def find_touched_borders(box: Box, shape: tuple[int, ...]) -> tuple[str, ...]:
     """Return the borders that a box touches in an image with the shape (rows, columns)."""
     column, row, width, height = box
-    touching = {
-        "left": column == 0,
-        "right": column + width == shape[1],
-        "top": row == 0,
-        "bottom": row + height == shape[0],
-    }
-    return tuple(side for side, touches in touching.items() if touches)
+    touching = column == 0, column + width == shape[1], row == 0, row + height == shape[0]
+    return tuple(compress(("left", "right", "top", "bottom"), touching))
 
 
 def _count_components(mask: Mask) -> int:
@@ -269,7 +266,7 @@ def _count_components(mask: Mask) -> int:
     """
     _, hierarchy = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
     # count the outer contours, which have no parent (-1), unlike the contours of holes
-    return int(np.count_nonzero(hierarchy[0, :, 3] < 0))
+    return hierarchy[0, :, 3].tolist().count(-1)
 
 
 def _choose_component(

@@ -235,8 +235,9 @@ class CameraSensor:
         return round(index * 1e9 / self._rate)
 
     def _schedule_next(self) -> None:
-        """Set the time at which the camera must be rendered next."""
-        self._next_ns = self._compute_instant(self._index) + self._parts[self._part].offset_ns
+        """Set the stamp of the next frame, and the time at which it must be rendered next."""
+        self._stamp_ns = self._compute_instant(self._index)
+        self._next_ns = self._stamp_ns + self._parts[self._part].offset_ns
 
     def needs_previous_pose(self, time_after_ns: int) -> bool:
         """Return whether an exposure is due before the end `time_after_ns` of the next step."""
@@ -267,30 +268,29 @@ class CameraSensor:
         link at `time_ns`.
         """
         while self._next_ns <= time_ns:
-            self._skip_missed(time_ns)
+            if self._part == 0 and self._compute_instant(self._index + 1) <= time_ns:
+                self._skip_missed(time_ns)
             self._expose(np.asarray(world_T_link, dtype=float), time_ns)
         if self._pending_frames and self._pending_frames[0][0] <= time_ns:
             return self._pending_frames.popleft()[1]
         return None
 
     def _skip_missed(self, time_ns: int) -> None:
-        """If several images are due in one physics step, skip all but the last."""
+        """Skip all but the last image that is due by the end of a step, unless triggered."""
         if self.config.trigger_topic:
             return
-        if self._part == 0 and self._compute_instant(self._index + 1) <= time_ns:
-            if not self._has_warned_missed:
-                self._has_warned_missed = True
-                _log.warning("camera '%s' drops frames: its rate of %g Hz is above the physics "
-                             "rate; lower it or raise the physics rate", self.config.name,
-                             self._rate)
-            self._index = int(time_ns * self._rate / 1e9)
-            if self._compute_instant(self._index + 1) <= time_ns:
-                self._index += 1
-            self._schedule_next()
+        if not self._has_warned_missed:
+            self._has_warned_missed = True
+            _log.warning("camera '%s' drops frames: its rate of %g Hz is above the physics rate; "
+                         "lower it or raise the physics rate", self.config.name, self._rate)
+        self._index = int(time_ns * self._rate / 1e9)
+        if self._compute_instant(self._index + 1) <= time_ns:
+            self._index += 1
+        self._schedule_next()
 
     def _expose(self, pose: np.ndarray, time_ns: int) -> None:
         """Render the next partial exposure of the image; after the last one, make the frame."""
-        stamp = self._compute_instant(self._index)
+        stamp = self._stamp_ns
         if not self._pipeline.is_lost(stamp):
             self._draw(pose, time_ns)
             if self._part + 1 == len(self._parts):
@@ -318,15 +318,18 @@ class CameraSensor:
 
     def _finish(self, stamp: int, pose: np.ndarray) -> None:
         image = self._pipeline.exposure.take()
-        self._warn_if_blind(image, pose @ self._link_T_optical)
+        # Test a single number first: this is fast, and the first pixel is usually not black.
+        if self._first or not image.item(0):
+            self._warn_if_blind(image, pose @ self._link_T_optical)
         encoding = self.config.encoding
         light = image if self._is_grey else pixel_formats.read_out(image, encoding)
-        image = self._pipeline.read_out(light, stamp)
+        image = pixel_formats.widen(self._pipeline.read_out(light, stamp), encoding)
         depth, segmentation = self._depth_and_labels or (None, None)
         self._depth_and_labels = None
-        frame = CameraReading(stamp, pixel_formats.widen(image, encoding), encoding,
-                      depth if self.depth else None,
-                      segmentation if self.segmentation else None)
+        frame = CameraReading(
+            stamp, image, encoding, depth if self.depth else None,
+            segmentation if self.segmentation else None,
+        )  # fmt: skip
         self._pending_frames.append((stamp + self._latency_ns, frame))
 
     def _make_row_camera(self, first: int, last: int) -> tuple[int, np.ndarray, Tiles | None]:
@@ -360,8 +363,7 @@ class CameraSensor:
         surfaces are not drawn, so the link does not hide the view.
         """
         first, self._first = self._first, False
-        # Test a single number first: this is fast, and the first pixel is usually not black.
-        black = not (self._has_warned_black or image.item(0) or image[::8, ::8].any())
+        black = not (self._has_warned_black or image[::8, ::8].any())
         if not first and not black:
             return
         around = [name for name in self.renderer.find_bodies_around(world_T_optical[:3, 3])

@@ -102,9 +102,9 @@ class ControlLoop:
                     return None
         idle_ns = inf
         for entry in self._other_entries:
-            until_ns = entry.controller.idle_until(time_ns)
-            if entry.controller is compiled_sampler and until_ns > -inf:
+            if entry.controller is compiled_sampler:
                 continue
+            until_ns = entry.controller.idle_until(time_ns)
             if until_ns < time_ns:
                 if not entry.controller.is_read_only:
                     return None

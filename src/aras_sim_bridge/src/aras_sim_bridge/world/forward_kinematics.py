@@ -35,30 +35,30 @@ class ForwardKinematics:
         self._tree = np.array(tree, np.int64)
         self._offsets = np.array([(*pose.xyz, *pose.quat) for pose in offsets])
         self._axes = np.array(axes, float)
-        # Joint positions of the last call of `compute_poses`, and the result of this call.
-        self._cache: tuple[bytes, tuple[np.ndarray, np.ndarray]] = (b"", ())
+        self._poses = np.empty((len(tree), 3)), np.empty((len(tree), 4))
+        # Joint positions of the last call of `compute_poses`; None if its result is not valid.
+        self._positions: bytes | None = None
         self._cached_rows: tuple[tuple[str, ...], np.ndarray] = ((), np.zeros(0, np.int64))
 
     def set_root(self, root: Pose) -> None:
         """Set the pose of the root, world_T_root."""
         self._offsets[0] = (*root.xyz, *root.quat)
-        self._cache = b"", ()
+        self._positions = None
 
     def compute_poses(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Compute the poses of all link frames in the world from joint positions (n,), rad or m.
 
         Returns:
-            Origins (links, 3), m, and unit quaternions (x, y, z, w), (links, 4); read-only.
+            Origins (links, 3), m, and unit quaternions (x, y, z, w), (links, 4). They must not be
+            changed; the next call overwrites them.
         """
-        key, (cached_key, found) = positions.tobytes(), self._cache
+        key = positions.tobytes()
         # Use the last result if possible, because cameras and listeners often read the poses at the
         # same joint positions.
-        if key != cached_key or not found:
-            found = _compute_poses(self._tree, self._offsets, self._axes, positions)
-            for array in found:
-                array.setflags(write=False)
-            self._cache = key, found
-        return found
+        if key != self._positions:
+            _compute_poses(self._tree, self._offsets, self._axes, positions, *self._poses)
+            self._positions = key
+        return self._poses
 
     def find_rows(self, names: tuple[str, ...]) -> np.ndarray:
         """Return the rows of these links. The result is cached until other links are given."""
@@ -67,8 +67,8 @@ class ForwardKinematics:
         return self._cached_rows[1]
 
 
-@jit("i8[:,::1], f8[:,::1], f8[:,::1], f8[::1]")
-def _compute_poses(tree, offsets, axes, positions):
+@jit("i8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[:,::1], f8[:,::1]", allocates=False)
+def _compute_poses(tree, offsets, axes, positions, origins, quaternions):
     """Compute the poses of all links, see ForwardKinematics.compute_poses.
 
     Args:
@@ -77,8 +77,8 @@ def _compute_poses(tree, offsets, axes, positions):
         offsets (links, 7): pose of each joint frame at position 0 in the parent's frame.
         axes (links, 3): joint axes in the joint frames.
         positions (n,): joint positions, rad or m.
+        origins, quaternions (links, 3), (links, 4): outputs.
     """
-    origins, quaternions = np.empty((len(tree), 3)), np.empty((len(tree), 4))
     for n in range(len(tree)):
         parent, joint = tree[n, 0], tree[n, 1]
         x, y, z = offsets[n, 0], offsets[n, 1], offsets[n, 2]
@@ -128,4 +128,3 @@ def _compute_poses(tree, offsets, axes, positions):
             c * unit,
             d * unit,
         )
-    return origins, quaternions

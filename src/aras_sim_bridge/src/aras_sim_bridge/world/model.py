@@ -189,10 +189,9 @@ class Model:
         Raises:
             WorldError: the model has no link of this name.
         """
-        index = self.link_index(name)
-        if self.joints.has_own_dynamics:
+        if self.joints.has_own_dynamics and name in self.body.links:
             return self.joints.space.link_pose(name)
-        return self._read_com_pose(index) @ self.body.inertial_poses[name].inverse()
+        return self._read_com_pose(self.link_index(name)) @ self.body.inertial_poses[name].inverse()
 
     def link_twist(self, name: str) -> Twist:
         """Return the twist of a link's frame in world axes (m/s, rad/s)."""

@@ -138,7 +138,7 @@ class CompiledArmController:
             last_ns: function that returns the currently known end of the run, ns.
         """
         self._listener, self._robot, self._send = listener, robot, send
-        self._last_ns, self._sampler = last_ns, robot.manager.get(sampler)
+        self._read_last_ns, self._sampler = last_ns, robot.manager.get(sampler)
         self._updates = (
             LoopStateConverter(driver) if driver.servo.arm.names == tuple(joints) else None
         )
@@ -163,7 +163,7 @@ class CompiledArmController:
         if self._state is None:
             return None
         self._due = np.array(self._sampler.list_due_cycles(time_ns, until_ns, step_ns), int)
-        self._taken, self._has_command = 0, False
+        self._taken, self._has_command, self._last_ns = 0, False, self._read_last_ns()
         count = len(self._due)
         self._stamps, self._samples = np.empty(count), np.empty((count, 3, self._count))
         return self._sampler
@@ -184,7 +184,7 @@ class CompiledArmController:
         is_beyond = True
         while is_beyond:
             time_ns, self._taken, end, bad, is_beyond, self._has_command = run_cycles_with_loop(
-                time_ns, ends_ns, step_ns, self._last_ns(), self._due, self._taken,
+                time_ns, ends_ns, step_ns, self._last_ns, self._due, self._taken,
                 self._has_command, self._measured, self._columns, self._commands, self._stamps,
                 self._samples, loops, handles, drives, physics, self._state,
             )  # fmt: skip

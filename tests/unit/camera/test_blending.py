@@ -21,10 +21,11 @@ def test_a_pose_between_two_is_on_the_short_way_whatever_the_sign_of_a_quaternio
     ends = np.tile(np.eye(4), (2, 1, 1))
     for blend in (0.0, 0.3 if angle < 0.1 else 0.5, 1.0):  # linear in a small turn
         expected = Slerp([0, 1], Rotation.concatenate([first, second]))(blend).as_matrix()
-        (pose,) = blend_poses(at[0], first.as_quat()[None], at[1], sign * second.as_quat()[None],
-                              blend)
+        poses = np.empty((1, 4, 4))
+        blend_poses(at[0], first.as_quat()[None], at[1], sign * second.as_quat()[None], blend,
+                    poses)
         ends[:, :3, :3], ends[:, :3, 3] = [first.as_matrix(), second.as_matrix()], at[:, 0]
-        for found in (pose, blend_pose(*ends, blend)):
+        for found in (poses[0], blend_pose(*ends, blend)):
             np.testing.assert_allclose(found[:3, :3], expected, atol=1e-6)
             np.testing.assert_allclose(found[:3, 3], at[0, 0] + blend * (at[1] - at[0])[0])
 

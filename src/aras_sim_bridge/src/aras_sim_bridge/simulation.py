@@ -278,7 +278,7 @@ class Simulation:
             sensor.model.applied_forces.clear()
         for grasp in self.grasps:
             grasp.after_step(self.time_ns)
-        due = [camera for camera in cameras if camera.sensor.is_due(self.time_ns)]
+        due = [camera for camera in cameras if camera.sensor.due_ns <= self.time_ns]
         if due and self.before_images is not None:
             self.before_images(self.time_ns)
         for light in self.lights.values() if due else ():

@@ -67,19 +67,21 @@ def extract_outline(grey: NDArray[np.uint8], target: SegmentedTarget, camera: Ca
             f"the target's outline has {len(edge)} pixel(s), must have at least 8: move the camera "
             "closer"
         )
-    located = np.empty((len(edge), 2))
-    count = locate_edge(weights, edge, located)
+    outline = np.empty((len(edge), 2))
+    count = locate_edge(weights, edge, outline)
     if count < 8:
         raise SegmentationError(
             "the target's outline is too blurred: focus the camera, or light the target evenly"
         )
-    x, y, valid = camera.normalise(*(located[:count] + (left, top)).T)
-    if not valid.all():
+    outline = outline[:count]
+    outline += (left, top)
+    outline[:, 0], outline[:, 1], valid = camera.normalise(outline[:, 0], outline[:, 1])
+    if camera.is_distorted and not valid.all():
         raise SegmentationError(
             "the target extends beyond the range of the lens model; move it towards the middle of "
             "the image"
         )
-    return np.stack([x, y], axis=1)
+    return outline
 
 
 def find_corners(outline: Array, max_bend: float = MAX_BEND) -> Array:

@@ -118,7 +118,7 @@ class DetectionPipeline:
         reason = target.reason
         if not reason and camera is None:
             reason = self.camera_fault
-        if not reason and (camera.height, camera.width) != image.shape:
+        if not reason and (camera.height, camera.width) != image.pixels.shape[:2]:
             reason = (
                 f"the image is {image.shape[1]} x {image.shape[0]} but camera_info says "
                 f"{camera.width} x {camera.height}; publish a camera_info of the image's size"

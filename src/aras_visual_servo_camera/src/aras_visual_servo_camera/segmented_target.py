@@ -288,7 +288,8 @@ def _choose_component(
     Returns:
         The mask of the component, its bounding box, and the number of all components.
     """
-    crop = mask[_make_slices(box)]
+    column, row, width, height = box
+    crop = mask[row : row + height, column : column + width]
     if settings.component != "mask" and _count_components(crop) == 1:
         return mask, box, 1
     count, labels, stats, centres = cv2.connectedComponentsWithStats(crop, connectivity=8)

@@ -101,7 +101,8 @@ class MountedCamera:
 
     def trigger(self, time_ns: int, step_ns: int) -> None:
         """If the camera is enabled, expose once in the next step; see CameraSensor.trigger."""
-        self._refresh(time_ns)
+        if self._is_new:
+            self._refresh(time_ns)
         if self._enabled:
             self.sensor.trigger(time_ns, step_ns)
 
@@ -117,16 +118,16 @@ class MountedCamera:
             self.sensor.set_rate(first.rate, time_ns, step_ns)
 
     def _refresh(self, time_ns: int) -> None:
-        if self._is_new:
-            self._is_new = False
-            self.sensor.reset(time_ns)
+        self._is_new = False
+        self.sensor.reset(time_ns)
 
     def before_step(self, time_ns: int, after_ns: int) -> None:
         """Store the poses of the camera and the models if an exposure is due in the next step.
 
         The next physics step is from `time_ns` to `after_ns`.
         """
-        self._refresh(time_ns)
+        if self._is_new:
+            self._refresh(time_ns)
         if self.sensor.needs_previous_pose(after_ns):
             self._attempt(self.sensor.before_step, time_ns)
 

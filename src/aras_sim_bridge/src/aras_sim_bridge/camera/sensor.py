@@ -72,6 +72,7 @@ class CameraSensor:
         renderer: renderer of the images.
         info: content of CameraInfo.
         vibration: vibration of the camera; None for a rigid mounting.
+        due_ns: simulated time, ns, at which `capture` must be called next.
         depth, segmentation: whether frames contain depth and segmentation. They may be disabled
             while there is no subscriber.
     """
@@ -189,6 +190,7 @@ class CameraSensor:
         pending = self._pending_frames
         self._restart(time_ns, exposure=False)
         self._pending_frames = pending
+        self._schedule_next()
 
     def trigger(self, time_ns: int, step_ns: int) -> None:
         """Add an exposure that starts at the end of the next physics step.
@@ -237,7 +239,9 @@ class CameraSensor:
     def _schedule_next(self) -> None:
         """Set the stamp of the next frame, and the time at which it must be rendered next."""
         self._stamp_ns = self._compute_instant(self._index)
-        self._next_ns = self._stamp_ns + self._parts[self._part].offset_ns
+        self._next_ns = self.due_ns = self._stamp_ns + self._parts[self._part].offset_ns
+        if self._pending_frames:
+            self.due_ns = min(self._next_ns, self._pending_frames[0][0])
 
     def needs_previous_pose(self, time_after_ns: int) -> bool:
         """Return whether an exposure is due before the end `time_after_ns` of the next step."""
@@ -247,15 +251,6 @@ class CameraSensor:
         """Store `world_T_link` and the poses of all models at `time_ns`, the start of a step."""
         self.renderer.snapshot()
         self._previous_pose = (time_ns, np.array(world_T_link, dtype=float))
-
-    @property
-    def due_ns(self) -> int:
-        """Simulated time in ns at which `capture` must be called next."""
-        return (
-            min(self._next_ns, self._pending_frames[0][0])
-            if self._pending_frames
-            else self._next_ns
-        )
 
     def is_due(self, time_ns: int) -> bool:
         """Return whether `capture` must be called at the end of a step, `time_ns`."""
@@ -271,9 +266,11 @@ class CameraSensor:
             if self._part == 0 and self._compute_instant(self._index + 1) <= time_ns:
                 self._skip_missed(time_ns)
             self._expose(np.asarray(world_T_link, dtype=float), time_ns)
-        if self._pending_frames and self._pending_frames[0][0] <= time_ns:
-            return self._pending_frames.popleft()[1]
-        return None
+        if not self._pending_frames or self._pending_frames[0][0] > time_ns:
+            return None
+        frame = self._pending_frames.popleft()[1]
+        self._schedule_next()
+        return frame
 
     def _skip_missed(self, time_ns: int) -> None:
         """Skip all but the last image that is due by the end of a step, unless triggered."""

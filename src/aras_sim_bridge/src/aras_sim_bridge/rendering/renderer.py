@@ -99,7 +99,7 @@ class Renderer:
         Raises:
             RenderingError, MemoryError: such images cannot be rendered.
         """
-        self._get_canvas(view)
+        self._canvases.get(view.rays_key, lambda: _Canvas(view.get_tiles()))
 
     def render(self, view: View, blend: float = 1.0) -> np.ndarray:
         """Return the image of the view, (height, width, 3) uint8 rgb, top row first."""
@@ -163,7 +163,7 @@ class Renderer:
             self.triangles = Triangles.from_visuals(self.scene.visuals)
             self._binning = TileBinning(self.triangles)
             self._illumination = IrradianceSolver(self.triangles)
-        canvas = self._get_canvas(view)
+        canvas = self._canvases.get(view.rays_key, lambda: _Canvas(view.get_tiles()))
         world_T_link = self.scene.interpolate_poses(blend)
         light, optical_T_link = self.light, view.optical_T_world @ world_T_link
         visible = self._binning.find_visible(
@@ -200,9 +200,6 @@ class Renderer:
         `point` (3,) is in the world frame, m.
         """
         return self.scene.find_bodies_around(point)
-
-    def _get_canvas(self, view: View) -> _Canvas:
-        return self._canvases.get(view.rays_key, lambda: _Canvas(view.get_tiles()))
 
     def _compute_irradiance(
         self, sampled: SampledView, view: View, edges: np.ndarray, fragments: Fragments

@@ -90,7 +90,9 @@ class Scene:
         before = self._previous
         if before is None or len(before[0]) != len(now[0]):
             before = now
-        return blend_poses(*before, *now, min(blend, 1.0))
+        poses = np.empty((len(now[0]), 4, 4))
+        blend_poses(*before, *now, min(blend, 1.0), poses)
+        return poses
 
     def snapshot(self) -> None:
         """Store the present poses, for `interpolate_poses`."""

@@ -170,14 +170,16 @@ def _draw_samples(
         u, v = TILE * (n % columns), TILE * (n // columns)
         one = tile[n]
         if one in (NOTHING, BACKGROUND) or (one >= 0 and uniform[one] != 0):
-            if one == NOTHING:
-                packed_image[v:v + TILE, u:u + TILE] = 0
-            elif one == BACKGROUND and has_backdrop:
+            colour = np.uint32(0)
+            if one != NOTHING:
+                colour = sky if one == BACKGROUND else uniform[one]
+            for y in range(TILE):
+                for x in range(TILE):
+                    packed_image[v + y, u + x] = colour
+            if one == BACKGROUND and has_backdrop:
                 for y in range(TILE):
                     for x in range(TILE):
                         packed_image[v + y, u + x] = backdrop[v + y, u + x]
-            else:
-                packed_image[v:v + TILE, u:u + TILE] = sky if one == BACKGROUND else uniform[one]
             continue
         for y in range(TILE):
             for x in range(TILE):

@@ -70,6 +70,8 @@ class FixedBaseDynamics:
         self.arrays = (*self._arrays, self._joints, self._modes)
         self._root = IDENTITY
         self._links = ForwardKinematics(description, names)
+        # Names of the last call of `link_frames`, and the rows of these links.
+        self._frame_rows: tuple[tuple[str, ...], np.ndarray] = ((), np.zeros(0, np.int64))
 
     def set_root(self, root: Pose, gravity: Vector3) -> None:
         """Set the pose of the root, world_T_root, and the gravity vector in world axes (m/s²)."""
@@ -85,8 +87,10 @@ class FixedBaseDynamics:
 
     def link_frames(self, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
         """Return positions (m, 3) and quaternions (m, 4) of the links' frames in the world."""
+        if names != self._frame_rows[0]:
+            self._frame_rows = names, np.array([self._links.row[name] for name in names], np.int64)
         origins, quaternions = self._links.compute_poses(self.state[0])
-        rows = self._links.find_rows(names)
+        rows = self._frame_rows[1]
         return origins.take(rows, axis=0), quaternions.take(rows, axis=0)
 
     def set_motor(self, slot: int, velocity: float, force: float) -> None:

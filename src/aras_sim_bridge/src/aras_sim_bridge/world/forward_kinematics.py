@@ -38,7 +38,6 @@ class ForwardKinematics:
         self._poses = np.empty((len(tree), 3)), np.empty((len(tree), 4))
         # Joint positions of the last call of `compute_poses`; None if its result is not valid.
         self._positions: bytes | None = None
-        self._cached_rows: tuple[tuple[str, ...], np.ndarray] = ((), np.zeros(0, np.int64))
 
     def set_root(self, root: Pose) -> None:
         """Set the pose of the root, world_T_root."""
@@ -59,12 +58,6 @@ class ForwardKinematics:
             _compute_poses(self._tree, self._offsets, self._axes, positions, *self._poses)
             self._positions = key
         return self._poses
-
-    def find_rows(self, names: tuple[str, ...]) -> np.ndarray:
-        """Return the rows of these links. The result is cached until other links are given."""
-        if names != self._cached_rows[0]:
-            self._cached_rows = names, np.array([self.row[name] for name in names], np.int64)
-        return self._cached_rows[1]
 
 
 @jit("i8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[:,::1], f8[:,::1]", allocates=False)

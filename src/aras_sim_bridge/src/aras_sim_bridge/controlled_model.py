@@ -20,10 +20,16 @@ from aras_sim_bridge.errors import DescriptionError, WorldError
 from aras_sim_bridge.world import Model, World
 
 if TYPE_CHECKING:
-    from aras_sim_bridge.camera.mounting import MountedCamera
     from aras_sim_bridge.control.controllers.joint_state import JointStateController
 
 log = logging.getLogger(__name__)
+
+
+class StepListener(Protocol):
+    """Object, such as a camera, that may store the state before a step."""
+
+    def before_step(self, time_ns: int, after_ns: int) -> None:
+        """Prepare for the step from `time_ns` to `after_ns` (simulated time, ns)."""
 
 
 class CompiledController(Protocol):
@@ -173,7 +179,7 @@ class CompiledCycles:
     loops: np.ndarray
     idle_ns: float
 
-    def run(self, start_ns: int, quiet_ns: int, cameras: Iterable[MountedCamera]) -> int:
+    def run(self, start_ns: int, quiet_ns: int, cameras: Iterable[StepListener]) -> int:
         """Make steps from `start_ns` to the earlier of `until_ns` and `idle_ns`.
 
         Return the simulated time, ns, at the end of the last step. Call `finish` afterwards.
@@ -188,7 +194,8 @@ class CompiledCycles:
             int(min(self.until_ns, self.idle_ns) - start_ns) // step_ns,
             self.world.contact_forecast.steps_until_update,
         )
-        quiet = min(max((quiet_ns - start_ns) // step_ns, 0), last)
+        # A camera that exposes at the end of a step, at quiet_ns + 1, needs no earlier poses.
+        quiet = min(max((quiet_ns + 1 - start_ns) // step_ns, 0), last)
         self._made, self._end, self._diverged = 0, control_cycle.ALL_MADE, -1
         for goal in (quiet, last):
             count, time_ns = goal - self._made, start_ns + self._made * step_ns

@@ -26,7 +26,7 @@ from .cones import (
     is_outside,
     is_within,
 )
-from .shading import pack_colour
+from .packed_colours import pack_colour
 from .tiles import Tiles
 from .triangles import Triangles
 
@@ -42,7 +42,7 @@ class VisibleTriangles:
         side: (N, 3, 3) side vectors s0, s1, s2 in the optical frame, 1/m; see the top of
             binning.py.
         light: (N, 3) light at the corners.
-        colour: (N,) packed colour (see shading.py) of each triangle; 0 if its colour varies.
+        colour: (N,) packed colour (see packed_colours.py) of each triangle; 0 if its colour varies.
         cut: (N,) bool, whether the triangle crosses the near or far clip distance.
         opaque: (N,) bool, whether the triangle is opaque.
         cover: (tiles,) number of a triangle that covers the whole tile, or -1. It may hide other

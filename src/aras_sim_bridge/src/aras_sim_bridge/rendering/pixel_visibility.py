@@ -230,9 +230,8 @@ def _sample(cover, all_start, all_member, all_full, corner, side, cut, opaque, m
     # rows do not overlap, and can use SIMD instructions.
     work = np.empty((6, TILE, TILE))
     one = np.uint64(1)
-    box = np.empty((len(corner) if is_uniform else 0, 4))
-    for m in range(len(box)):
-        box[m, 0], box[m, 1], box[m, 2], box[m, 3] = _find_box(corner, m, inverse, 0)
+    # Image bounding boxes of the triangles; NaN until they are needed.
+    box = np.full((len(corner) if is_uniform else 0, 4), np.nan)
     stored, end = 0, start[0]
     for n in range(len(tile)):
         begin, end = end, start[n + 1]
@@ -257,6 +256,10 @@ def _sample(cover, all_start, all_member, all_full, corner, side, cut, opaque, m
             sampled = opaque[m]
             if not all_over:
                 if is_uniform:
+                    if np.isnan(box[m, 0]):
+                        box[m, 0], box[m, 1], box[m, 2], box[m, 3] = _find_box(
+                            corner, m, inverse, 0
+                        )
                     left, right = box[m, 0] - u_tile, box[m, 1] - u_tile
                     top, bottom = box[m, 2] - v_tile, box[m, 3] - v_tile
                 else:

@@ -3,27 +3,23 @@
 The light is either that of the sun, interpolated between the corners of a triangle, or the
 irradiance from several lights (shadows.Irradiance).
 
-A pixel is a packed colour, uint32. Its bytes, from the lowest to the highest, are red, green, blue
-and 255. Pixels outside the image circle of a lens are 0.
+A pixel is a packed colour (see packed_colours.py). Pixels outside the image circle of a lens are 0.
 """
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from aras_visual_servo_base.compiled import jit, jit_inline
 
+from .binning import VisibleTriangles
+from .fragments import Fragments
+from .packed_colours import pack_colour
+from .pixel_visibility import PixelSamples
+from .shadows import Irradiance
 from .textures import apply_texture, map_texture
 from .tiles import BACKGROUND, NOTHING, TILE, Tiles
-
-if TYPE_CHECKING:
-    from .binning import VisibleTriangles
-    from .fragments import Fragments
-    from .pixel_visibility import PixelSamples
-    from .shadows import Irradiance
-    from .triangles import Triangles
+from .triangles import Triangles
 
 
 class Shader:
@@ -103,15 +99,6 @@ class Shader:
             self._packed_image,
         )
         return self._packed_image
-
-
-@jit("f8, f8, f8")
-def pack_colour(red, green, blue):
-    """Pack a colour with components from 0 to 255 into a uint32."""
-    r = np.uint32(np.rint(min(max(red, 0.0), 255.0)))
-    g = np.uint32(np.rint(min(max(green, 0.0), 255.0)))
-    b = np.uint32(np.rint(min(max(blue, 0.0), 255.0)))
-    return np.uint32(r | (g << np.uint32(8)) | (b << np.uint32(16)) | np.uint32(0xFF000000))
 
 
 @jit_inline

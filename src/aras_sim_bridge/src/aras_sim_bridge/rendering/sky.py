@@ -6,7 +6,7 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import jit
 
-from .shading import pack_colour
+from .packed_colours import pack_colour
 from .tiles import TILE, Tiles
 
 # Colours of the sky (red, green, blue; 0..1): at the zenith, at the horizon, and straight down.

@@ -12,7 +12,7 @@ from aras_visual_servo_base.poses import inverse
 
 from ..description.types import Light, Rgba
 from ..errors import RenderingError
-from .shading import pack_colour
+from .packed_colours import pack_colour
 from .sky import MIDDLE
 from .tiles import Tiles, get_shared_tiles
 
@@ -110,7 +110,7 @@ class Lighting:
 
     @cached_property
     def packed_background(self) -> np.uint32:
-        """Packed colour of pixels without a surface; see shading.py."""
+        """Packed colour of pixels without a surface; see packed_colours.py."""
         return pack_colour(*self.background_levels.tolist())
 
     @property

@@ -63,29 +63,11 @@ class FragmentBuilder:
             self._start = np.empty(2 * pixel_count, np.int64)
         while True:
             count = resolve_fragments(
-                edge_pixels,
-                samples.start,
-                samples.member,
-                samples.full,
-                samples.pixel_masks,
-                visible.corner,
-                visible.side,
-                visible.cut,
-                visible.opaque,
-                visible.colour,
-                visible.triangle,
-                triangles.hull,
-                t.matrices,
-                t.axis,
-                t.cells,
-                t.columns,
-                near,
-                far,
-                self._start,
-                self._member,
-                self._share,
-                self._at,
-            )
+                edge_pixels, samples.start, samples.member, samples.full, samples.pixel_masks,
+                visible.corner, visible.side, visible.cut, visible.opaque, visible.colour,
+                visible.triangle, triangles.hull, t.matrices, t.axis, t.cells, t.columns, near, far,
+                self._start, self._member, self._share, self._at,
+            )  # fmt: skip
             if count <= len(self._member):
                 return Fragments(
                     edge_pixels, self._start[: pixel_count + 1], self._member[:count],

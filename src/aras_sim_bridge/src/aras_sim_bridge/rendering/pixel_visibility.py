@@ -74,33 +74,11 @@ class PixelSampler:
         if room > len(self._member):
             self._allocate_members(2 * room)
         left = _sample(
-            visible.cover,
-            visible.start,
-            visible.member,
-            visible.full,
-            visible.corner,
-            visible.side,
-            visible.cut,
-            visible.opaque,
-            t.matrices,
-            t.inverse,
-            t.spread,
-            t.axis,
-            t.nodes,
-            t.whole,
-            t.cells,
-            t.is_uniform,
-            t.columns,
-            near,
-            far,
-            offset,
-            self._tile,
-            self._start,
-            self._member,
-            self._full,
-            self._pixel,
-            self._masks,
-        )
+            visible.cover, visible.start, visible.member, visible.full, visible.corner,
+            visible.side, visible.cut, visible.opaque, t.matrices, t.inverse, t.spread, t.axis,
+            t.nodes, t.whole, t.cells, t.is_uniform, t.columns, near, far, offset, self._tile,
+            self._start, self._member, self._full, self._pixel, self._masks,
+        )  # fmt: skip
         return PixelSamples(
             self._tile, self._pixel, self._start, self._member[:left], self._full[:left],
             self._masks[:left],

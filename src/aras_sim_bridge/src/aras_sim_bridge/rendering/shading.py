@@ -57,47 +57,15 @@ class Shader:
         """
         t, g, f = self._tiles, triangles, fragments
         _draw_samples(
-            samples.tile,
-            samples.pixel,
-            edges,
-            visible.colour,
-            sky,
-            visible.triangle,
-            visible.side,
-            visible.light,
-            g.albedo,
-            g.layer,
-            g.uv,
-            g.textures.texels,
-            t.matrices,
-            t.valid,
-            t.cells,
-            t.columns,
-            light.pixels,
-            backdrop,
-            self._packed_image,
-        )
+            samples.tile, samples.pixel, edges, visible.colour, sky, visible.triangle, visible.side,
+            visible.light, g.albedo, g.layer, g.uv, g.textures.texels, t.matrices, t.valid, t.cells,
+            t.columns, light.pixels, backdrop, self._packed_image,
+        )  # fmt: skip
         _blend_fragments(
-            f.pixel,
-            f.start,
-            f.member,
-            f.share,
-            f.at,
-            visible.triangle,
-            visible.side,
-            visible.light,
-            g.albedo,
-            g.layer,
-            g.uv,
-            g.textures.texels,
-            t.matrices,
-            t.cells,
-            t.columns,
-            background,
-            light.fragments,
-            backdrop,
-            self._packed_image,
-        )
+            f.pixel, f.start, f.member, f.share, f.at, visible.triangle, visible.side,
+            visible.light, g.albedo, g.layer, g.uv, g.textures.texels, t.matrices, t.cells,
+            t.columns, background, light.fragments, backdrop, self._packed_image,
+        )  # fmt: skip
         return self._packed_image
 
 

@@ -61,32 +61,11 @@ class EdgeFinder:
         t = self._tiles
         while True:
             count = _find_edges(
-                samples.tile,
-                samples.pixel,
-                samples.start,
-                samples.member,
-                samples.full,
-                samples.pixel_masks,
-                visible.opaque,
-                visible.colour,
-                visible.triangle,
-                smooth,
-                triangles.part,
-                sky,
-                visible.side,
-                visible.light,
-                visible.cut,
-                t.matrices,
-                t.axis,
-                t.valid,
-                t.cells,
-                t.columns,
-                near,
-                far,
-                self._edges,
-                self._multi_part,
-                self._pixels,
-            )
+                samples.tile, samples.pixel, samples.start, samples.member, samples.full,
+                samples.pixel_masks, visible.opaque, visible.colour, visible.triangle, smooth,
+                triangles.part, sky, visible.side, visible.light, visible.cut, t.matrices, t.axis,
+                t.valid, t.cells, t.columns, near, far, self._edges, self._multi_part, self._pixels,
+            )  # fmt: skip
             if count <= len(self._pixels):
                 return self._edges, self._pixels[:count]
             self._pixels = np.empty(2 * count, np.int64)

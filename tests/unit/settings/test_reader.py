@@ -116,6 +116,22 @@ def test_what_is_wrong_is_said_in_one_line(values, message):
 
 
 @dataclass(frozen=True)
+class Outermost:
+    outer: Outer
+    others: Mapping[str, Outer]
+
+
+def test_a_key_that_belongs_into_mappings_inside_is_named_with_its_path():
+    def read(values):
+        build(Outermost, values, "a.yaml: ", OwnError)
+
+    assert said(read, {"side": 1}) == "a.yaml: unknown key 'side': did you mean 'outer.start.side'?"
+    assert said(read, {"outer": {"start": 1, "pose": 2}}) == (
+        "a.yaml: unknown key 'outer.pose': did you mean 'start.pose'?")
+    assert said(read, {"folder": 1}) == "a.yaml: unknown key 'folder': use one of outer, others"
+
+
+@dataclass(frozen=True)
 class Reach:
     far: float = parameter(math.inf, "m", above=0.0, infinite=True)
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from operator import sub
+from statistics import median
 
 import numpy as np
 
@@ -174,6 +175,4 @@ class JointHistory(SampleBuffer):
     def _estimate_period(self) -> float:
         """Return the median period of the latest samples, s; needs at least two samples."""
         latest = list(self._stamps)[-MEDIAN_PERIODS - 1 :]
-        periods = sorted(map(sub, latest[1:], latest))
-        half = len(periods) // 2
-        return periods[half] if len(periods) % 2 else 0.5 * (periods[half - 1] + periods[half])
+        return median(map(sub, latest[1:], latest))

@@ -25,8 +25,6 @@ T = TypeVar("T")
 # fields of SchemeOutput with one number for each name
 COMPONENT_FIELDS = ("features", "desired", "error")
 FLOAT = np.dtype(float)
-# Latest tuple of tolerances that `compute` has accepted; it is not checked again.
-_accepted_tolerances: tuple[float, ...] = ()
 
 
 def compute(
@@ -69,9 +67,12 @@ def compute(
     given = output.features, output.desired, output.error
     is_usual = _are_finite_vectors(*given, count)
     arrays = given if is_usual else _read_components(name, given, count)
-    tolerances = getattr(scheme, "tolerances", None)
-    if tolerances is not _accepted_tolerances or len(tolerances) != count:
-        _check_tolerances(name, tolerances, count)
+    tolerances = to_float_array(getattr(scheme, "tolerances", None))
+    if tolerances is None or tolerances.shape != (count,) or not all((tolerances > 0.0).tolist()):
+        raise SchemeError(
+            f"scheme {name} has tolerances {getattr(scheme, 'tolerances', None)}, must have "
+            f"{count} numbers above 0, one for each name"
+        )
     if type(output.error_drift) is not float or not isfinite(output.error_drift):
         rate = to_float_array(output.error_drift)
         if rate is None or rate.shape not in ((), (count,)) or not np.isfinite(rate).all():
@@ -115,23 +116,6 @@ def _read_components(
                 f"scheme {name} returned {field} that are not finite: {array.tolist()}"
             )
     return arrays
-
-
-def _check_tolerances(name: str, given: object, count: int) -> None:
-    """Check that the tolerances of a scheme are `count` numbers above 0.
-
-    Raises:
-        SchemeError: they are not.
-    """
-    global _accepted_tolerances
-    tolerances = to_float_array(given)
-    if tolerances is None or tolerances.shape != (count,) or not (tolerances > 0.0).all():
-        raise SchemeError(
-            f"scheme {name} has tolerances {given}, must have {count} numbers above 0, one for "
-            "each name"
-        )
-    if type(given) is tuple:  # a list or array can be changed later
-        _accepted_tolerances = given
 
 
 def check_goal(

@@ -52,9 +52,11 @@ class TimeLimitExceeded(BaseException):
 class _Call:
     """A running call: its thread, the number of checks left until its limit, and its state."""
 
-    thread: int
-    remaining_checks: float
-    is_interrupting = is_interrupted = is_done = False
+    __slots__ = ("is_done", "is_interrupted", "is_interrupting", "remaining_checks", "thread")
+
+    def __init__(self, limit: float) -> None:
+        self.thread, self.remaining_checks = threading.get_ident(), limit / CHECK_PERIOD
+        self.is_interrupting = self.is_interrupted = self.is_done = False
 
 
 _calls: set[_Call] = set()
@@ -77,8 +79,7 @@ def call_user_code(
         MeasurementError: the call raised it, because this image cannot be used for control.
         SchemeError: any other exception of the call, including SystemExit, if `scheme` is given.
     """
-    here = _Call()
-    here.thread, here.remaining_checks = threading.get_ident(), limit / CHECK_PERIOD
+    here = _Call(limit)
     try:
         try:
             _calls.add(here)
@@ -86,10 +87,7 @@ def call_user_code(
                 _start_watch()
             return call(*arguments)
         finally:
-            here.is_done = True
-            _calls.discard(here)
-            if here.is_interrupting or here.is_interrupted:
-                _end_call(here)
+            _end_call(here)
     # This also catches an exception that an interrupted call raises in its own clean-up code.
     except BaseException as error:
         _end_call(here)
